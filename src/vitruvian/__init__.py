@@ -1,0 +1,71 @@
+"""vitruvian: virtual humans that comply with H-Anim (ISO/IEC 19774).
+
+The public names are looked up when they are first used, so that `import vitruvian` stays fast.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_WHERE = {
+    "load": "formats.registry",
+    "save": "formats.registry",
+    "check": "formats.registry",
+    "Humanoid": "hanim.humanoid",
+    "Skeleton": "body.types",
+    "Skin": "body.types",
+    "Body": "body.types",
+    "pack": "body.pack",
+    "joint_matrices": "body.kinematics",
+    "Motion": "motion.types",
+    "retarget": "motion.retarget",
+    "walk": "motion.gait",
+    "idle": "motion.gait",
+    "deformer": "deform.deformer",
+    "person": "modeling.person",
+    "Mesh": "stage.clip",
+    "Clip": "stage.clip",
+    "show": "show.live",
+    "VitruvianError": "errors",
+    "FileError": "errors",
+    "VitruvianWarning": "errors",
+}
+__all__ = sorted([*_WHERE, "__version__"])
+
+if TYPE_CHECKING:
+    from vitruvian.body.kinematics import joint_matrices as joint_matrices
+    from vitruvian.body.pack import pack as pack
+    from vitruvian.body.types import Body as Body
+    from vitruvian.body.types import Skeleton as Skeleton
+    from vitruvian.body.types import Skin as Skin
+    from vitruvian.deform.deformer import deformer as deformer
+    from vitruvian.errors import FileError as FileError
+    from vitruvian.errors import VitruvianError as VitruvianError
+    from vitruvian.errors import VitruvianWarning as VitruvianWarning
+    from vitruvian.formats.registry import check as check
+    from vitruvian.formats.registry import load as load
+    from vitruvian.formats.registry import save as save
+    from vitruvian.hanim.humanoid import Humanoid as Humanoid
+    from vitruvian.modeling.person import person as person
+    from vitruvian.motion.gait import idle as idle
+    from vitruvian.motion.gait import walk as walk
+    from vitruvian.motion.retarget import retarget as retarget
+    from vitruvian.motion.types import Motion as Motion
+    from vitruvian.show.live import show as show
+    from vitruvian.stage.clip import Clip as Clip
+    from vitruvian.stage.clip import Mesh as Mesh
+
+
+def __getattr__(name: str) -> object:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'vitruvian' has no attribute {name!r}")
+    value = getattr(import_module(f"vitruvian.{_WHERE[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,1 @@
+"""The packed form of a humanoid: arrays, and forward kinematics on them."""

@@ -1,0 +1,1 @@
+"""Deformation: joint matrices to vertices, normals and per-vertex frames."""

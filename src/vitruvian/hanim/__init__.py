@@ -1,0 +1,1 @@
+"""The standard: names, tables, the Humanoid tree, the scene graph, the doctor. No maths."""

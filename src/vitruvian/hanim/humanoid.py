@@ -1,0 +1,220 @@
+"""The H-Anim objects: an editable tree with every field that the standard names.
+
+Metres, radians, Y up, facing +Z, +X to the figure's left. `center` and displacements are in humanoid space.
+Rotations here are the standard's axis-angle `x y z angle`; quaternions begin at `vitruvian.body`.
+Names of attributes follow Python's case: `skinCoordIndex` is `skin_coord_index`.
+Source: ISO/IEC 19774 parts 1 and 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.hanim.graph import Node, Scene
+
+Array = NDArray[np.float64]
+
+
+def _vec(*values: float) -> Array:
+    return np.array(values, dtype=np.float64)
+
+
+def _floats() -> Array:
+    return np.zeros(0)
+
+
+@dataclass(slots=True, eq=False)
+class Displacer:
+    """Moves vertices `coord_index` (n,) by `weight * displacements` (n,3).
+
+    Under a Joint the indices are into the humanoid's `skin_coord`, under a Segment into the segment's points.
+    """
+
+    name: str
+    coord_index: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    displacements: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    weight: float = 0.0
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Material:
+    """How a surface looks: sRGB colours in 0..1. `roughness`, `metallic` as in glTF; `emission` sRGB."""
+
+    name: str = ""
+    color: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    roughness: float = 0.6
+    metallic: float = 0.0
+    opacity: float = 1.0
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    double_sided: bool = False
+    node: Node | None = None  # the file's Appearance
+
+
+@dataclass(slots=True, eq=False)
+class Shape:
+    """A triangulated surface.
+
+    `points` (n,3), or None when the triangles index the humanoid's `skin_coord`. `triangles` (t,3) int32.
+    `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replaces the material's colour, or None.
+    `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
+    """
+
+    name: str = ""
+    triangles: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 3), np.int32))
+    points: Array | None = None
+    uv: Array | None = None
+    uv_triangles: NDArray[np.int32] | None = None
+    colors: Array | None = None
+    material: Material = field(default_factory=Material)
+    transform: Array | None = None
+    crease_angle: float = np.pi
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Site:
+    """A named place: `_tip` end effector, `_view` camera, `_pt` feature point. `center` in the parent's frame."""
+
+    name: str
+    center: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    translation: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    rotation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    scale: Array = field(default_factory=lambda: _vec(1, 1, 1))
+    scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    shapes: list[Shape] = field(default_factory=list)
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Segment:
+    """A body part. `center_of_mass` and `mass` (kg) are zero when not given; inertia is a row-major 3x3 in kg m2."""
+
+    name: str
+    mass: float = 0.0
+    center_of_mass: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    moments_of_inertia: Array = field(default_factory=lambda: np.zeros(9))
+    shapes: list[Shape] = field(default_factory=list)
+    sites: list[Site] = field(default_factory=list)
+    displacers: list[Displacer] = field(default_factory=list)
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Joint:
+    """A joint with its subtree. `llimit`, `ulimit` hold 0 to 3 angles (radians); empty means free."""
+
+    name: str
+    center: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    translation: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    rotation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    scale: Array = field(default_factory=lambda: _vec(1, 1, 1))
+    scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    joints: list[Joint] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
+    sites: list[Site] = field(default_factory=list)
+    displacers: list[Displacer] = field(default_factory=list)
+    skin_coord_index: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    skin_coord_weight: Array = field(default_factory=_floats)
+    llimit: Array = field(default_factory=_floats)
+    ulimit: Array = field(default_factory=_floats)
+    limit_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    stiffness: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    node: Node | None = None
+
+    def walk(self) -> Iterator[Joint]:
+        """This joint and all below it, depth first, parents before children. No recursion."""
+        stack = [self]
+        while stack:
+            joint = stack.pop()
+            yield joint
+            stack.extend(reversed(joint.joints))
+
+
+@dataclass(slots=True, eq=False)
+class MotionData:
+    """HAnimMotion (X3D 4.0): `values` (frames, channels) as in the file, angles in degrees.
+
+    `joints` one name per group ("IGNORED" skips it), `channels` one tuple of channel names per group.
+    """
+
+    name: str
+    joints: list[str]
+    channels: list[tuple[str, ...]]
+    values: Array
+    frame_duration: float = 0.1
+    enabled: bool = True
+    loop: bool = True
+    description: str = ""
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """One interpolator that a TimeSensor drives: `target` object name, its `field`, keys (k,) in 0..1, values (k, n).
+
+    `target` is a joint's, site's or displacer's name, or "" for the humanoid itself.
+    """
+
+    target: str
+    field: str  # "rotation" | "translation" | "scale" | "weight"
+    keys: Array
+    values: Array
+    interval: float = 1.0
+    loop: bool = True
+    timer: str = ""  # DEF of the TimeSensor: tracks of one clip share it
+
+
+@dataclass(slots=True, eq=False)
+class Humanoid:
+    """One H-Anim figure. `skeleton` holds its root joints; `skin` shapes share `skin_coord` (v,3)."""
+
+    name: str = ""
+    version: str = "2.0"
+    loa: int = -1
+    info: dict[str, str] = field(default_factory=dict)
+    skeletal_configuration: str = "BASIC"
+    skeleton: list[Joint] = field(default_factory=list)
+    sites: list[Site] = field(default_factory=list)  # Sites that hang in the skeleton field itself
+    viewpoints: list[Site] = field(default_factory=list)
+    skin: list[Shape] = field(default_factory=list)
+    skin_coord: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    skin_normal: Array | None = None
+    center: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    translation: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    rotation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    scale: Array = field(default_factory=lambda: _vec(1, 1, 1))
+    scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    binding: dict[str, tuple[Array, Array, Array]] = field(default_factory=dict)  # joint -> translation, rotation, scale
+    motions: list[MotionData] = field(default_factory=list)
+    tracks: list[Track] = field(default_factory=list)
+    scene: Scene | None = None  # the file it came from
+    node: Node | None = None
+
+    def joints(self) -> list[Joint]:
+        """Every joint once, depth first, parents before children."""
+        return [joint for root in self.skeleton for joint in root.walk()]
+
+    def joint(self, name: str) -> Joint:
+        """The joint of that name; KeyError when absent."""
+        for joint in self.joints():
+            if joint.name == name:
+                return joint
+        raise KeyError(name)
+
+    def segments(self) -> list[Segment]:
+        return [s for j in self.joints() for s in j.segments]
+
+    def all_sites(self) -> list[Site]:
+        """Sites of the skeleton field, of joints and of segments (viewpoints apart)."""
+        own = [s for j in self.joints() for s in [*j.sites, *(t for g in j.segments for t in g.sites)]]
+        return [*self.sites, *own]
+
+    def displacers(self) -> list[Displacer]:
+        """Joint displacers, then segment displacers, in tree order."""
+        joints = self.joints()
+        return [d for j in joints for d in j.displacers] + [d for j in joints for s in j.segments for d in s.displacers]

@@ -1,0 +1,1 @@
+"""Making bodies: the built-in person."""

@@ -1,0 +1,1 @@
+"""Motions: clips of joint rotations, our own gaits, retargeting."""

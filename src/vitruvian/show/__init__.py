@@ -1,0 +1,1 @@
+"""Showing: the page, its server and recordings, headless pictures and films."""

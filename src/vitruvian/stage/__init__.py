@@ -1,0 +1,1 @@
+"""What is shown or written: clips and frames."""

@@ -1,0 +1,48 @@
+"""What is shown or exported: a Clip (a moving body) or a Mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vitruvian.body.types import Body, Floats, Ints, floats, indices, require
+from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.motion.types import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface without skeleton. vertices (V,3) metres, triangles (T,3), uv (V,2) or None, colors (V,3) sRGB or None."""
+
+    vertices: Floats
+    triangles: Ints
+    uv: Floats | None = None
+    colors: Floats | None = None
+    name: str = "object"
+    unit: str = "m"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", floats(self.vertices, "vertices", None, 3))
+        object.__setattr__(self, "triangles", indices(self.triangles, "triangles", len(self.vertices), None, 3))
+        if self.uv is not None:
+            object.__setattr__(self, "uv", floats(self.uv, "uv", len(self.vertices), 2))
+        if self.colors is not None:
+            object.__setattr__(self, "colors", floats(self.colors, "colors", len(self.vertices), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One body with one motion on its own skeleton, drawn with one deformer.
+
+    `humanoid` is the editable form the body was packed from: writers of H-Anim files want its names, Sites and the
+    nodes they do not understand. `motion` None means the file's own pose.
+    """
+
+    humanoid: Humanoid
+    body: Body
+    motion: Motion | None = None
+    deformer: str = "log"
+
+    def __post_init__(self) -> None:
+        if self.motion is not None:
+            same = self.motion.skeleton.names == self.body.skeleton.names
+            require(same, "motion", "a motion on this body's skeleton", "another skeleton; retarget it first")
