@@ -251,7 +251,9 @@ class Skin:
         parts = tuple(self.parts) or (Part("body", 0, len(self.triangles)),)
         stops = [0, *(p.stop for p in parts)]
         good = stops[-1] == len(self.triangles) and all(p.start == s for p, s in zip(parts, stops, strict=False))
-        require(good, "parts", f"ranges that cover 0..{len(self.triangles)} in order", [(p.start, p.stop) for p in parts])
+        require(
+            good, "parts", f"ranges that cover 0..{len(self.triangles)} in order", [(p.start, p.stop) for p in parts]
+        )
         put("parts", parts)
         put("morphs", tuple(self.morphs))
         for m in self.morphs:

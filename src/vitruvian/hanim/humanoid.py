@@ -189,7 +189,9 @@ class Humanoid:
     rotation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
     scale: Array = field(default_factory=lambda: _vec(1, 1, 1))
     scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
-    binding: dict[str, tuple[Array, Array, Array]] = field(default_factory=dict)  # joint -> translation, rotation, scale
+    binding: dict[str, tuple[Array, Array, Array]] = field(
+        default_factory=dict
+    )  # joint -> translation, rotation, scale
     motions: list[MotionData] = field(default_factory=list)
     tracks: list[Track] = field(default_factory=list)
     scene: Scene | None = None  # the file it came from

@@ -13,9 +13,9 @@ from vitruvian.body.types import Floats, Skeleton, floats, require
 class Motion:
     """A clip on its own skeleton.
 
-    rotation (F,J,4): local joint rotations, unit quaternions xyzw, hemisphere-continuous in time. translation (F,3): the
-    translation field of the first joint (an offset from its rest centre), metres. joint_translation (F,J,3): that of all
-    joints (then row 0 equals `translation`), or None. weights: displacer name -> (F,). loop: the last frame leads to
+    rotation (F,J,4): local joint rotations, unit quaternions xyzw, hemisphere-continuous in time.
+    translation (F,3): the translation field of the first joint (an offset from its rest centre), metres.
+    joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None. weights: displacer name -> (F,). loop: the last frame leads to
     the first.
     """
 

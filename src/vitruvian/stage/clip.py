@@ -11,7 +11,7 @@ from vitruvian.motion.types import Motion
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface without skeleton. vertices (V,3) metres, triangles (T,3), uv (V,2) or None, colors (V,3) sRGB or None."""
+    """A surface without skeleton: vertices (V,3) metres, triangles (T,3), uv (V,2) and colors (V,3) sRGB, or None."""
 
     vertices: Floats
     triangles: Ints

@@ -1,0 +1,41 @@
+"""Where tests find things: real files beside the checkout, the referees that CI installs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = ROOT.parent / "shared"
+REFEREE = ROOT / ".referee"
+
+
+def chromium_path() -> str | None:
+    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """Folder of real files; tests that need it skip where it is absent."""
+    if not (SHARED / "data").is_dir():
+        pytest.skip("the folder ../shared with real files is not beside this checkout")
+    return SHARED
+
+
+@pytest.fixture(scope="session")
+def referee() -> Path:
+    """Folder whose node_modules hold x_ite, gltf-validator and playwright-core."""
+    if not (REFEREE / "node_modules" / "x_ite").is_dir() or not shutil.which("node"):
+        pytest.skip("referees are missing: install node, then run `make referees` (npm packages x_ite, gltf-validator)")
+    return REFEREE
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of a Chromium."""
+    path = chromium_path()
+    if path is None:
+        pytest.skip("no Chromium: install Debian's `chromium` (apt-get install chromium)")
+    return path
