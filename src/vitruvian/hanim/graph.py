@@ -132,7 +132,7 @@ Statement = Node | Use | Comment | Route | Proto | Import | Export
 class Scene:
     """A whole file: header facts and the statements in source order.
 
-    `encoding` is "x3d" (XML), "x3dv" (Classic) or "wrl" (VRML97); `version` the one of the header ("4.0", "3.3", "2.0").
+    `encoding` is "x3d" (XML), "x3dv" (Classic) or "wrl" (VRML97); `version` that of the header ("4.0", "3.3", "2.0").
     """
 
     path: str = ""
