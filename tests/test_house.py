@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from conftest import ROOT
 
 SOURCE = ROOT / "src" / "vitruvian"
@@ -75,7 +76,8 @@ def test_import_is_fast() -> None:
 
 
 def test_importing_brings_nothing_heavy() -> None:
-    code = "import sys, vitruvian; print([m for m in ('numpy', 'scipy', 'lxml', 'trimesh', 'uvicorn') if m in sys.modules])"
+    heavy = "('numpy', 'scipy', 'lxml', 'trimesh', 'uvicorn')"
+    code = f"import sys, vitruvian; print([m for m in {heavy} if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
     assert out.strip() == "[]"
 
