@@ -10,8 +10,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vitruvian.body.rotations import to_matrix
+from vitruvian.body.rotations import from_axis_angle, to_matrix
 from vitruvian.body.types import Floats, Skeleton, require
 from vitruvian.native import kernels
 
@@ -69,6 +70,22 @@ def pose_matrices(
     native.forward_kinematics(
         skeleton.parents, skeleton.centers, rotation, translation, root, stretch, skeleton.binding, out, threads
     )
+    return out
+
+
+def transform_matrix(
+    translation: ArrayLike,
+    rotation: ArrayLike,
+    scale: ArrayLike = (1.0, 1.0, 1.0),
+    scale_orientation: ArrayLike = (0.0, 0.0, 1.0, 0.0),
+    center: ArrayLike = (0.0, 0.0, 0.0),
+) -> Floats:
+    """(4,4) of X3D Transform fields, rotations as `x y z angle`: T C R SR S -SR -C."""
+    turn = to_matrix(from_axis_angle(scale_orientation))
+    center = np.asarray(center, dtype=np.float64)
+    out = np.eye(4)
+    out[:3, :3] = to_matrix(from_axis_angle(rotation)) @ (turn * np.asarray(scale, dtype=np.float64)) @ turn.T
+    out[:3, 3] = np.asarray(translation) + center - out[:3, :3] @ center
     return out
 
 

@@ -30,7 +30,7 @@ def normalize(q: ArrayLike) -> Floats:
 
 
 def from_axis_angle(rotation: ArrayLike) -> Floats:
-    """Quaternions (...,4) of the standard's `x y z angle` (...,4). The axis need not be unit; a zero axis does not turn."""
+    """Quaternions (...,4) of the standard's `x y z angle` (...,4) with any axis length; a zero axis does not turn."""
     rotation = _array(rotation, "rotation", 4)
     axis, half = rotation[..., :3], rotation[..., 3:] / 2
     length = np.linalg.norm(axis, axis=-1, keepdims=True)
