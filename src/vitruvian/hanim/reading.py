@@ -28,6 +28,19 @@ _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 
 
+def _leniently(text: str) -> Floats:
+    """The numbers of a text in which some are not: those become NaN, so that the others keep their places."""
+
+    def number(token: str) -> float:
+        try:
+            return float(token)
+        except ValueError:
+            return float("nan")
+
+    plain = re.sub(r"#[^\n]*", " ", text)
+    return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
+
+
 class Reading:
     """Where typed values of one file come from. `repair` turns what would be an error into a reported repair.
 
@@ -97,7 +110,7 @@ class Reading:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
         except FileError as error:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            return None
+            return _leniently(raw.text) if isinstance(raw, Literal) else None
         except (TypeError, ValueError):
             self.broken(f"{self.who(node)} {field}: expected {kind}, found something else", node)
             return None

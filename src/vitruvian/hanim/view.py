@@ -69,7 +69,8 @@ def walk_all(nodes: list[Node]) -> Iterator[Node]:
 def body_nodes(reading: Reading, node: Node) -> tuple[list[Node], list[Node]]:
     """Joint nodes that root the skeleton, each once, and Site nodes beside them.
 
-    Of `skeleton` and `humanoidBody` the filled one counts. H-Anim nodes that landed in `children` for want of a containerField count as skeleton when they are not USEs.
+    Of `skeleton` and `humanoidBody` the filled one counts. Joints that landed in `children` for want of a
+    containerField count as skeleton when they are not USEs.
     """
     roots: list[Node] = []
     sites: list[Node] = []
@@ -131,7 +132,8 @@ class _Figure:
         self.seen: set[int] = set()
         self.joints: dict[int, Joint] = {}  # by node identity
         self.sites: dict[int, Site] = {}
-        self.names: dict[str, int] = {}
+        self.names: set[str] = set()
+        self.numbers: dict[str, int] = {}
         name = reading.text(node, "name").strip()
         self.prefixes = ("hanim_", f"{name}_" if name else "", f"{node.name}_" if node.name else "")
         coords = node.children("skinCoord") or _stray(reading, node, {"Coordinate", "CoordinateDouble"})
@@ -264,10 +266,10 @@ def _one_joint(figure: _Figure, node: Node) -> Joint:
     reading = figure.reading
     name = figure.name(node, f"joint_{len(figure.joints) + 1}")
     if name in figure.names or (name in figure.given and not reading.text(node, "name").strip()):
-        number = figure.names[name] = figure.names.get(name, 1) + 1
+        number = figure.numbers[name] = figure.numbers.get(name, 1) + 1
         reading.defect("N04", f"joint {name}: the name is given twice, one is called {name}_{number}", node)
         name = f"{name}_{number}"
-    figure.names.setdefault(name, 1)
+    figure.names.add(name)
     joint = Joint(name=name, node=node)
     figure.joints[id(node)] = joint
     _place(reading, node, joint)
@@ -305,6 +307,11 @@ def _weights(figure: _Figure, node: Node, joint: Joint) -> None:
         what = f"expected indices in 0..{len(figure.points) - 1}, found {bad} at entry {int(np.argmin(keep))}"
         reading.broken(f"joint {joint.name} skinCoordIndex: {what}; drop the pair or check skinCoord", node)
         index, weight = index[keep], weight[keep]
+    if (weight < 0).any():
+        first = int(np.argmax(weight < 0))
+        what = f"expected weights of 0 or more, found {weight[first]:g} at entry {first}"
+        reading.broken(f"joint {joint.name} skinCoordWeight: {what}", node)
+        weight = np.maximum(weight, 0.0)
     joint.skin_coord_index, joint.skin_coord_weight = index, weight
 
 
