@@ -165,3 +165,8 @@ def match(names: Iterable[str], own: dict[str, str] | None = None) -> dict[str, 
         # Rigify counts its neck as spine 4 and 5; other rigs with that many have a neck of their own
         return found
     return {n: SPINE if h == NECK and split[n][1].startswith("spine") else h for n, h in found.items()}
+
+
+def joint_index(names: Iterable[str]) -> dict[str, int]:
+    """H-Anim 2.0 name -> index among joints named by either version of the standard."""
+    return {h: i for i, n in enumerate(names) if (h := hanim_name(n))}
