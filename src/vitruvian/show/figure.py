@@ -24,7 +24,7 @@ _WRISTS = ("{}_radiocarpal", "{}_wrist", "{}_hand")
 
 
 def pose(motion: Motion, times: Sequence[float]) -> Motion:
-    """The motion at these times (seconds), one frame each; between frames by the shorter arc, held or looped outside."""
+    """The motion at these times (seconds), one frame each: blended between frames, held or looped outside."""
     n = len(motion)
     at = np.asarray(times, np.float64) * motion.fps
     at = at % n if motion.loop and n > 1 else np.clip(at, 0, n - 1)

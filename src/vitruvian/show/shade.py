@@ -1,8 +1,8 @@
 """What light does at a surface: a photographer's studio, materials by the name of a part, tone mapping.
 
 All colours inside are linear; sRGB comes in and goes out. Sources: GGX with Smith shadowing (Walter et al. 2007;
-Hammon's approximation), Schlick's Fresnel, wrapped diffuse light for skin (Green, GPU Gems, 2004), hair highlights after Kajiya
-and Kay 1989, the filmic curve is Narkowicz's fit of the ACES reference.
+Hammon's approximation), Schlick's Fresnel, wrapped diffuse light for skin (Green, GPU Gems, 2004), hair
+highlights after Kajiya and Kay 1989, the filmic curve is Narkowicz's fit of the ACES reference.
 """
 
 from __future__ import annotations
