@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Ints, Part
+from vitruvian.body.types import Body, Floats, Part
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.formats.atomic import atomic
 from vitruvian.stage.clip import Clip, Mesh
@@ -134,7 +134,7 @@ class _Reader:
         i = int(word)
         if i < 0:  # counts back from the last one so far
             i += count + 1
-        if i < 1 or (i > count and i > 1 << 31):
+        if not 1 <= i < 1 << 31:  # larger than the list so far is looked at when the list is whole
             self.fail(line, f"face: expected a {what} in 1..{count}, found {word}")
         return i - 1
 
@@ -304,11 +304,11 @@ def write_obj(thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str]
     form = "v %.7g %.7g %.7g" + ("" if colors is None else " %.4g %.4g %.4g")
     text = [f"# vitruvian\no {_word(name)}", *(form % tuple(row) for row in columns.tolist())]
     if uv is not None and faces_uv is not None:
-        text += ["vt %.7g %.7g" % tuple(row) for row in uv.tolist()]
+        text += [f"vt {u:.7g} {v:.7g}" for u, v in uv.tolist()]
         both = np.stack([triangles, faces_uv], -1).reshape(-1, 6) + 1
-        lines = ["f %d/%d %d/%d %d/%d" % tuple(row) for row in both.tolist()]
+        lines = [f"f {a}/{i} {b}/{j} {c}/{k}" for a, i, b, j, c, k in both.tolist()]
     else:
-        lines = ["f %d %d %d" % tuple(row) for row in (triangles + 1).tolist()]
+        lines = [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]
     for part in parts:
         text += [f"g {_word(part.name)}", *lines[part.start : part.stop]]
     with atomic(path) as temporary:
@@ -343,6 +343,3 @@ def _posed(thing: Body | Clip | Humanoid, time: float) -> tuple[Body, Floats]:
         matrices = matrices[frame : frame + 1]
     moved = np.asarray(deformer(how, body)(matrices), np.float64).reshape(-1, 3)
     return body, moved @ body.placement[:3, :3].T + body.placement[:3, 3]
-
-
-__all__ = ["Ints", "read_mesh", "read_obj", "triangulate", "write_obj"]
