@@ -30,6 +30,7 @@ BELOW: dict[str, set[str]] = {
 BELOW["formats"] = {*BELOW["stage"], "stage"}
 BELOW["show"] = {*BELOW["formats"], "formats"}
 BELOW["cli"] = {*BELOW["show"], "show", "batch"}
+BELOW["__main__"] = {"cli"}
 
 
 def imports(path: Path) -> set[str]:
