@@ -77,9 +77,14 @@ class Scopes:
                 return scope[name]
         return None
 
-    def instance(self, name: str, line: int) -> Proto | None:
-        """The prototype that an instance means, None when it isn't declared (yet). FileError inside its own body."""
+    def instance(self, name: str, line: int, *, builtin: bool = False) -> Proto | None:
+        """The prototype that an instance means, None when it isn't declared (yet). FileError inside its own body.
+
+        `builtin`: the name is also that of a node of the standard, which it means where no prototype is in sight.
+        """
         found = self.proto(name)
+        if found is None and builtin:
+            return None
         if found is None and any(name == body for body, _ in self.bodies):
             raise FileError(self.path, line, f"prototype {name} contains itself")
         if self.bodies and (found is None or found is self.protos[0].get(name)):
