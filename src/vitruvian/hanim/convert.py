@@ -16,7 +16,8 @@ VERSIONS = ("2.0", "200x", "1.1", "1.0")
 def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
     """A copy of the humanoid under the names of `version` and what that version can't say.
 
-    `version` is one of "2.0", "200x", "1.1", "1.0". Upwards every name is looked up in the alias tables; unknown names are custom and stay. Downwards joints that exist
+    `version` is one of "2.0", "200x", "1.1", "1.0". Upwards every name is looked up in the alias tables; unknown names
+    are custom and stay. Downwards joints that exist
     in 2.0 only are folded into their nearest kept ancestor: geometry and sites move there, skin weights add up, their
     own animation is dropped. Arrays are shared with the original, which stays as it is.
     """

@@ -28,7 +28,7 @@ _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 
 
-def _leniently(text: str) -> Floats:
+def leniently(text: str) -> Floats:
     """The numbers of a text in which some are not: those become NaN, so that the others keep their places."""
 
     def number(token: str) -> float:
@@ -110,7 +110,7 @@ class Reading:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
         except FileError as error:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            return _leniently(raw.text) if isinstance(raw, Literal) else None
+            return leniently(raw.text) if isinstance(raw, Literal) else None
         except (TypeError, ValueError):
             self.broken(f"{self.who(node)} {field}: expected {kind}, found something else", node)
             return None
