@@ -22,7 +22,7 @@ from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
 from vitruvian.motion.hands import relaxed
-from vitruvian.motion.legs import REACH, compose, smooth, two_bone
+from vitruvian.motion.legs import compose, smooth, two_bone
 from vitruvian.motion.names import VERTEBRAE, joint_index
 from vitruvian.motion.turns import about, frame, local_rotations, positions, unit, world_rotations
 from vitruvian.motion.types import Motion
@@ -37,6 +37,7 @@ KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 
         69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
 FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
         70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+STRAIGHT = 0.9992  # of the leg's length: knees keep some four degrees
 TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -257,15 +258,16 @@ def _walk_legs(
     for leg in limbs:
         own = (phase if leg.side == "l" else phase - 0.5) % 1.0
         steps.append((leg, own, _roll(skeleton, leg, floor)))
-    way, height, weight = np.zeros(len(phase)), np.zeros(len(phase)), np.zeros(len(phase))
+    way, weight = np.zeros(len(phase)), np.zeros(len(phase))
+    heights = []
     for leg, own, roll in steps:
         z, y = _hip_over_foot(roll, own, pace, swing)
         z -= pace.stride * own
         load = np.where(own < pace.stance, np.sin(np.pi * np.clip(own / pace.stance, 0.0, 1.0)) ** 2, 0.0)
         way += load * (z - (offset[:, leg.hip, 2] - offset[:, leg.hip, 2].mean()))
-        height += load * (y + floor - offset[:, leg.hip, 1])
         weight += load
-    way, height = way / weight, height / weight
+        heights.append(np.where(own < pace.stance, y + floor - offset[:, leg.hip, 1], np.inf))
+    way, height = way / weight, np.min(heights, axis=0)  # with both feet down, the shorter leg decides
     start = way.mean()  # of the hips over the toe joint at heel strike
     move = np.zeros((len(phase), 3))
     move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * _wave(phase, 1, 0.31)
@@ -274,11 +276,11 @@ def _walk_legs(
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
     feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
-    move[:, 1] -= _too_far(limbs, offset, move, feet)
+    move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
-        middle_, _ = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank)
+        middle_, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
         for joint, bone, line in (
             (leg.hip, c[leg.knee] - c[leg.hip], middle_ - hip),
             (leg.knee, c[leg.ankle] - c[leg.knee], ankle - middle_),
@@ -375,10 +377,8 @@ def _foot_way(
     bridge = bridge + (3 * s**2 - 2 * s**3) * miss[2] + (s**3 - s**2) * slopes[1]
     ankle = np.where(stands[:, None], ankle, air + bridge)
     fly = s[:, 0]
-    last = float(_legs_at(np.array([pace.stance]), pace, swing)[2][0])
-    first = float(_legs_at(np.array([0.0]), pace, swing)[2][0])
-    off = np.clip(-last, 0.0, TOES_BEND)
-    airy = off * (1 - smooth(fly / 0.4)) + 0.4 * first * smooth((fly - 0.5) / 0.5)
+    off = np.clip(-turned[1], 0.0, TOES_BEND)
+    airy = off * (1 - smooth(fly / 0.4)) + 0.4 * turned[2] * smooth((fly - 0.5) / 0.5)
     bend = np.where(stands, np.where(pitch > 0, 0.4 * pitch, bend), airy)
     ankle[:, 1] += _clearance(roll, ankle, pitch, bend, fly)
     yaw = np.full(len(own), sign * np.radians(6.0))
@@ -390,9 +390,12 @@ def _foot_way(
     side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - joint[0], 0.0, 0.0]))
     track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
     forth = rotate(about(Y, yaw), Z)
-    along = ankle[:, :1] + start + pace.stride * own[:, None]  # from the toe joint's place, within the foot's own line
-    out = np.zeros((len(own), 3))
-    out += forth * along + side
+    # what the foot does about its place on the floor goes along its own line, its flight along the way
+    along = ankle[:, :1] + start + pace.stride * own[:, None]
+    first, last = edge[2, 0] + start, edge[1, 0] + start + pace.stride * pace.stance
+    about_place = np.where(stands[:, None], along, last + (first - last) * smooth(s))
+    out = forth * about_place + side
+    out[:, 2] += (along - about_place)[:, 0]
     out[:, 0] += track
     out[:, 2] -= start + pace.stride * own
     out[:, 1] = ankle[:, 1] + floor
@@ -411,11 +414,12 @@ def _clearance(roll: _Roll, ankle: Floats, pitch: Floats, bend: Floats, fly: Flo
     return shape * max(0.0, float(need.max(initial=0.0)))
 
 
-def _too_far(limbs: tuple[Leg, ...], offset: Floats, move: Floats, feet: list) -> float:
-    """How much (m) the hips have to sink so that both legs always reach their feet."""
+def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list) -> float:
+    """How much (m) the hips have to sink so that both legs reach their feet whenever those stand."""
     sink = 0.0
-    for leg, (ankle, _, _) in zip(limbs, feet):
-        way = offset[:, leg.hip] + move - ankle
-        reach = np.sqrt(np.maximum((0.9985 * REACH * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
+    for (leg, own, _), (ankle, _, _) in zip(steps, feet):
+        stands = own < pace.stance
+        way = (offset[:, leg.hip] + move - ankle)[stands]
+        reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
