@@ -82,19 +82,20 @@ def _site(sites: dict[str, Floats], side: str, *names: str) -> Floats | None:
     return next((sites[f"{side}_{n}"] for n in names if f"{side}_{n}" in sites), None)
 
 
-def _below(skeleton: Skeleton, joint: int) -> NDArray[np.bool_]:
-    """(J,) whether a joint is `joint` or hangs below it."""
-    out = np.zeros(len(skeleton), bool)
-    out[joint] = True
+def below(skeleton: Skeleton, joint: int) -> list[int]:
+    """The joints that hang below `joint`, without itself, parents first."""
+    found = {joint}
     for j in range(joint + 1, len(skeleton)):
-        out[j] = skeleton.parents[j] >= 0 and out[skeleton.parents[j]]
-    return out
+        if int(skeleton.parents[j]) in found:
+            found.add(j)
+    return sorted(found - {joint})
 
 
 def _on_skin(leg: Leg, body: Body) -> Leg:
     """The same leg with heel and tip where the skin of the sole begins and ends."""
     weights = body.skin.weights
-    mine = _below(body.skeleton, leg.ankle)
+    mine = np.zeros(len(body.skeleton))
+    mine[[leg.ankle, *below(body.skeleton, leg.ankle)]] = 1.0
     part = np.bincount(weights.vertex, weights.weight * mine[weights.joint], minlength=len(weights))
     sole = body.skin.rest[(part > 0.5) & (body.skin.rest[:, 1] < leg.heel[1] + 0.02)]
     if len(sole) < 3:

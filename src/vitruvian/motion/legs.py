@@ -29,15 +29,17 @@ class Foothold:
     ball: NDArray[np.bool_]
 
 
-def two_bone(root: Floats, goal: Floats, pole: Floats, upper: float, lower: float) -> tuple[Floats, Floats]:
+def two_bone(
+    root: Floats, goal: Floats, pole: Floats, upper: float, lower: float, straight: float = REACH
+) -> tuple[Floats, Floats]:
     """Middle joint and end (...,3) of a chain of two bones from `root` to `goal`, bent towards `pole` (...,3).
 
-    A goal out of reach is approached to `REACH` of the straight chain, one too near to the shortest fold.
+    A goal out of reach is approached to `straight` of the whole length, one too near to the shortest fold.
     """
     way = goal - root
     far = np.linalg.norm(way, axis=-1, keepdims=True)
     along = np.where(far > 1e-9, way / np.maximum(far, 1e-9), -UP)
-    reach = np.clip(far, abs(upper - lower) + 1e-6, REACH * (upper + lower))
+    reach = np.clip(far, abs(upper - lower) + 1e-6, straight * (upper + lower))
     side = pole - root
     normal = unit(side - along * np.sum(side * along, axis=-1, keepdims=True))
     a = (upper**2 - lower**2 + reach**2) / (2 * reach)
