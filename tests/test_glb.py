@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from figures import CENTERS, figure, wave
 from gltf_player import Player
-
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Skeleton, Weights

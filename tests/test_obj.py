@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from figures import figure, wave
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from figures import figure, wave
 from vitruvian.errors import FileError, VitruvianError, VitruvianWarning
 from vitruvian.formats.obj import read_mesh, read_obj, write_obj
 from vitruvian.hanim.humanoid import Humanoid
@@ -101,7 +101,9 @@ def test_strange_statements_are_named(tmp_path: Path) -> None:
 @given(
     st.lists(
         st.one_of(
-            st.tuples(st.sampled_from(["v", "vt", "f", "vn", "g", "x"]), st.text("0123456789-./ene+aif\\#", max_size=16)),
+            st.tuples(
+                st.sampled_from(["v", "vt", "f", "vn", "g", "x"]), st.text("0123456789-./ene+aif\\#", max_size=16)
+            ),
             st.tuples(st.just("v"), st.just("0.5 1 2")),
             st.tuples(st.just("f"), st.just("1 2 3")),
         ),
@@ -119,8 +121,9 @@ def test_anything_is_a_mesh_or_one_error(tmp_path: Path, lines: list[tuple[str, 
 
 
 def test_clip_at_a_time_says_what_is_lost(tmp_path: Path) -> None:
-    from vitruvian.body.kinematics import joint_matrices
     from vitruvian.deform.deformer import deformer
+
+    from vitruvian.body.kinematics import joint_matrices
 
     body = figure()
     motion = wave(body)
@@ -149,6 +152,10 @@ def test_ply_and_stl(tmp_path: Path) -> None:
         ball.export(tmp_path / f"ball.{ending}")
         mesh = read_mesh(tmp_path / f"ball.{ending}")
         assert len(mesh.vertices) == len(ball.vertices) and len(mesh.triangles) == len(ball.faces)
-    for name, data in (("a.stl", b"solid"), ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 9999999999\n"), ("b.stl", b"")):
+    for name, data in (
+        ("a.stl", b"solid"),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 9999999999\n"),
+        ("b.stl", b""),
+    ):
         with pytest.raises(FileError):
             read_mesh(put(tmp_path, data, name))
