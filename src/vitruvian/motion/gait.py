@@ -1,0 +1,421 @@
+"""A walk and an idle of our own, for any H-Anim skeleton.
+
+The walk starts from normative angles over the gait cycle (0 = heel strike, 1 = next heel strike of the same foot): key
+values of our own fit to the mean curves in D. A. Winter, "The Biomechanics and Motor Control of Human Gait" (2nd ed.,
+1991) for hip, knee and ankle, J. Perry, "Gait Analysis" (1992) for pelvis, toes and foot rockers, M. P. Murray, S. B.
+Sepic and E. J. Barnard, "Patterns of sagittal rotation of the upper limbs in walking" (1967) for the arms. Cadence
+follows from speed by a constant ratio of step length to step rate (N. Sekiya et al., 1996). Feet are then put down on
+the floor, rolled over heel, ball and toes, and the legs solved to reach them, so nothing slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from vitruvian.body.rotations import inverse, multiply, rotate, slerp
+from vitruvian.body.types import Floats, Skeleton
+from vitruvian.errors import VitruvianError
+from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
+from vitruvian.motion.hands import relaxed
+from vitruvian.motion.legs import REACH, compose, smooth, two_bone
+from vitruvian.motion.names import VERTEBRAE, joint_index
+from vitruvian.motion.turns import about, frame, local_rotations, positions, unit, world_rotations
+from vitruvian.motion.types import Motion
+
+X, Y, Z = np.eye(3)
+
+# Degrees at percent of the cycle. Thigh: from vertical, forward positive. Knee: flexion. Foot: pitch, toes up positive
+# (the sum of thigh, knee and ankle; its flat part is exactly flat).
+THIGH = {0: 24, 5: 24, 10: 21.5, 15: 17.5, 20: 13, 30: 3, 40: -8, 46: -14, 51: -16.5, 55: -15, 60: -8, 65: 2, 70: 11,
+         75: 19, 80: 25, 86: 28.5, 92: 27.5, 96: 25.5}  # fmt: skip
+KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 51,
+        69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
+FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
+        70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
+
+
+def _curve(keys: dict[int, float]) -> CubicSpline:
+    at = np.array([*keys, 100]) / 100
+    return CubicSpline(at, np.radians([*keys.values(), next(iter(keys.values()))]), bc_type="periodic")
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """Timing and size of a walk: stride (m, two steps), cycle (s), stance (share of the cycle), vigour (1 at 1.35 m/s)."""
+
+    speed: float
+    stride: float
+    cycle: float
+    frames: int
+    stance: float
+    vigour: float
+
+
+def _pace(speed: float, stride: float | None, fps: float, leg: float) -> _Pace:
+    if not 0.3 <= speed <= 2.5:
+        raise VitruvianError(f"speed: expected a walk of 0.3 to 2.5 m/s, found {speed}")
+    if not fps >= 10:
+        raise VitruvianError(f"fps: expected at least 10 frames per second, found {fps}")
+    if stride is None:
+        # step length / step rate = 0.0065 m min for a leg of 0.90 m
+        stride = 2 * float(np.sqrt(0.0065 * (leg / 0.90) * speed * 60))
+    if not 0.4 <= stride / leg <= 2.3:
+        raise VitruvianError(f"stride: expected {0.4 * leg:.2f} to {2.3 * leg:.2f} m for these legs, found {stride}")
+    frames = max(8, int(round(stride / speed * fps)))
+    cycle = frames / fps
+    stance = float(np.clip(0.665 - 0.035 * speed, 0.57, 0.67))
+    return _Pace(speed, speed * cycle, cycle, frames, stance, float(np.clip(speed / 1.35, 0.35, 1.4)))
+
+
+def walk(
+    skeleton: Skeleton,
+    *,
+    speed: float = 1.35,
+    stride: float | None = None,
+    fps: float = 30,
+    cycles: int = 1,
+    in_place: bool = False,
+) -> Motion:
+    """A person walking along +Z on the floor (y = 0), beginning at left heel strike; loops without a seam.
+
+    speed in m/s (0.3 to 2.5), stride in metres (two steps; by default the usual one at that speed and leg length; the
+    cycle is rounded to whole frames, so stride = speed * cycle), cycles how many strides. in_place: walks on a treadmill,
+    so that repeating the clip goes nowhere; else a repetition starts `speed * seconds` further.
+    Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the root.
+    """
+    limbs = legs(skeleton)
+    index = joint_index(skeleton.names)
+    if len(limbs) != 2 or "humanoid_root" not in index:
+        raise VitruvianError("skeleton: expected humanoid_root and both legs (hip, knee, ankle) to walk")
+    pace = _pace(speed, stride, fps, float(np.mean([leg.length for leg in limbs])))
+    fine = max(1, -(-240 // pace.frames))  # waves are fitted and feet put down on a finer grid than is answered
+    phase = np.arange(pace.frames * fine) / (pace.frames * fine)
+    local = _upper_body(skeleton, index, phase, pace)
+    world, move = _walk_legs(skeleton, limbs, local, phase, pace)
+    rotation = local_rotations(skeleton.parents, world[::fine])
+    move = move[::fine]
+    rotation = np.concatenate([rotation] * max(1, cycles))
+    move = np.concatenate([move] * max(1, cycles))
+    if not in_place:
+        move[:, 2] += pace.speed * np.arange(len(move)) / fps
+    return Motion(skeleton, fps, rotation, move, loop=True, name="walk")
+
+
+def _wave(phase: Floats, harmonic: int, peak: float) -> Floats:
+    """Cosine of the given harmonic of the cycle with its maximum at `peak` (share of the cycle)."""
+    return np.cos(2 * np.pi * harmonic * (phase - peak))
+
+
+def _upper_body(skeleton: Skeleton, index: dict[str, int], phase: Floats, pace: _Pace) -> Floats:
+    """Local rotations (F,J,4) of everything but the legs; `phase` is that of the left leg."""
+    degrees, v = np.radians, pace.vigour
+    size = pace.stride / 1.45
+    yaw = degrees(4.5) * size * -_wave(phase, 1, 0.02)  # left hip forward at left heel strike
+    list_ = degrees(4.0) * v**0.5 * _list(phase)
+    tilt = degrees(1.2) * _wave(phase, 2, 0.05) + degrees(1.5)
+    pelvis = multiply(multiply(about(Y, yaw), about(Z, list_)), about(X, tilt))
+    # the chest turns against the pelvis a little late, leans into the walk, and stays level
+    chest_yaw = degrees(3.8) * v * _wave(phase, 1, 0.06)
+    lean = degrees(2.0 + 1.2 * (v - 1)) + degrees(0.8) * _wave(phase, 2, 0.1)
+    sway = degrees(1.3) * _wave(phase, 1, 0.3)
+    chest = multiply(multiply(about(Y, chest_yaw), about(Z, -sway)), about(X, lean))
+    head = multiply(about(Y, 0.15 * chest_yaw), about(X, degrees(1.0) - degrees(0.7) * _wave(phase, 2, 0.12)))
+    local = np.zeros((len(phase), len(skeleton), 4))
+    local[..., 3] = 1.0
+    local[:, index["humanoid_root"]] = pelvis
+    _spine(skeleton, index, local, pelvis, chest, head)
+    for side, sign, own in (("l", 1.0, phase), ("r", -1.0, phase - 0.5)):
+        _arm(skeleton, index, local, side, sign, own, v)
+    for name, turn in relaxed(skeleton).items():
+        local[:, index[name]] = turn
+    return local
+
+
+def _list(phase: Floats) -> Floats:
+    """Pelvic list, -1..1: the swinging side hangs lowest just after the other foot has taken the weight."""
+    raw = _wave(phase, 1, 0.17) + 0.28 * _wave(phase, 3, 0.10)
+    return raw / 1.2
+
+
+def _spine(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, pelvis: Floats, chest: Floats, head: Floats
+) -> None:
+    """Spread the way from pelvis over chest to head evenly (by height) over the vertebrae that there are."""
+    names = [n for n in VERTEBRAE if n in index]
+    y = skeleton.centers[:, 1]
+    top = y[index["vt1"]] if "vt1" in index else y[index["l_shoulder"]] if "l_shoulder" in index else y.max()
+    low = y[index["humanoid_root"]]
+    skull = y[index["skullbase"]] if "skullbase" in index else top + 0.1
+    before = pelvis
+    lower = [n for n in names if not n.startswith("vc")]
+    for name in names:
+        if name in lower:
+            last = name == lower[-1]
+            share = 1.0 if last else np.clip((y[index[name]] - low) / max(top - low, 1e-6), 0.0, 1.0)
+            now = slerp(pelvis, chest, np.full(len(pelvis), share))
+        else:
+            share = np.clip((y[index[name]] - top) / max(skull - top, 1e-6), 0.0, 1.0)
+            now = slerp(chest, head, np.full(len(pelvis), share))
+        local[:, index[name]] = multiply(inverse(before), now)
+        before = now
+    if "skullbase" in index:
+        local[:, index["skullbase"]] = multiply(inverse(before), head)
+
+
+def _arm(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, phase: Floats, vigour: float
+) -> None:
+    """The arm swings against its own leg: farthest back at its heel strike, farthest forward half a cycle later."""
+    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
+    clavicle = index.get(f"{side}_sternoclavicular")
+    degrees = np.radians
+    if shoulder is None or elbow is None:
+        return
+    c = skeleton.centers
+    swing = degrees(-6.0) + degrees(16.0) * vigour * (_wave(phase, 1, 0.52) + 0.06 * _wave(phase, 2, 0.55))
+    upper = unit(c[elbow] - c[shoulder])
+    spread = np.arctan2(sign * upper[0], -upper[1])  # how far the arm stands off at rest
+    hang = degrees(7.0) + degrees(1.0) * _wave(phase, 1, 0.55)
+    lift = about(Z, sign * (hang - spread))
+    inward = about(Y, -sign * (degrees(8.0) + degrees(5.0) * vigour * _wave(phase, 1, 0.55)))
+    front = np.arctan2(upper[2], -upper[1])
+    local[:, shoulder] = multiply(multiply(about(X, -(swing - front)), lift), inward)
+    if clavicle is not None:
+        local[:, clavicle] = multiply(
+            about(Y, sign * degrees(-2.0) * vigour * _wave(phase, 1, 0.55)), about(Z, np.full(len(phase), 0.0))
+        )
+    bend = degrees(11.0) + degrees(9.0) * vigour * (1 + _wave(phase, 1, 0.60)) + degrees(3.0) * vigour
+    if wrist is None:
+        local[:, elbow] = about(X, -bend)
+        return
+    fore = unit(c[wrist] - c[elbow])
+    straight = np.arctan2(fore[2], -fore[1]) - front  # bend at rest
+    local[:, elbow] = multiply(about(X, -(bend - straight)), about(-Y, sign * np.full(len(phase), degrees(14.0))))
+    local[:, wrist] = multiply(
+        about(X, degrees(4.0) * _wave(phase, 1, 0.72)), about(Z, -sign * np.full(len(phase), degrees(5.0)))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Roll:
+    """How one foot rolls over the floor: forward and up are z and y, relative to the toe joint when the foot is flat."""
+
+    leg: Leg
+    ankle: Floats  # (2,) z, y of the ankle from the toe joint, foot flat
+    heel: Floats  # (2,) of the heel's sole
+    tip: Floats  # (2,) of the tip's sole
+    height: float  # of the toe joint over the floor
+
+    def at(self, pitch: Floats) -> tuple[Floats, Floats]:
+        """Ankle (n,2) as z, y over the floor, and the toes' bend (n,), for a standing foot of that pitch (n,)."""
+        pivot = np.zeros((len(pitch), 2))
+        pivot[:, 1] = self.height
+        bend = np.clip(-pitch, 0.0, TOES_BEND)
+        over = np.minimum(pitch + TOES_BEND, 0.0)  # beyond the toes' bend the foot goes over their tips
+        ground = self.tip + [0.0, self.height]
+        pivot = np.where((over < 0)[:, None], ground + _pitched(-self.tip, over), pivot)
+        ahead = pivot + _pitched(self.ankle, pitch)
+        ground = self.heel + [0.0, self.height]
+        behind = ground + _pitched(self.ankle - self.heel, pitch)
+        return np.where((pitch > 0)[:, None], behind, ahead), bend
+
+
+def _pitched(v: Floats, pitch: Floats) -> Floats:
+    """Vectors (z, y) turned toes-up by pitch (n,): (n,2)."""
+    s, c = np.sin(pitch), np.cos(pitch)
+    return np.stack([v[0] * c - v[1] * s, v[0] * s + v[1] * c], axis=-1)
+
+
+def _roll(skeleton: Skeleton, leg: Leg, floor: float) -> _Roll:
+    c = skeleton.centers
+    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
+    height = float(joint[1] - floor)
+    flat = lambda p: np.array([p[2] - joint[2], p[1] - joint[1]])  # noqa: E731
+    return _Roll(leg, flat(c[leg.ankle]), flat(leg.heel), flat(leg.tip), height)
+
+
+def _walk_legs(
+    skeleton: Skeleton, limbs: tuple[Leg, ...], local: Floats, phase: Floats, pace: _Pace
+) -> tuple[Floats, Floats]:
+    """World rotations (F,J,4) with solved legs, and the root translation (F,3) less the even way forward.
+
+    The hips follow from the planted feet: where the normative thigh and knee of the standing leg put them, reduced to
+    an even way with two and four waves per stride.
+    """
+    c, floor = skeleton.centers, floor_at_rest(skeleton)
+    world = world_rotations(skeleton.parents, local)
+    offset = positions(skeleton.parents, c, world, np.zeros((len(phase), 3)))
+    length = float(np.mean([leg.length for leg in limbs]))
+    swing = _thigh_scale(_roll(skeleton, limbs[0], floor), pace)
+    steps = []
+    for leg in limbs:
+        own = (phase if leg.side == "l" else phase - 0.5) % 1.0
+        steps.append((leg, own, _roll(skeleton, leg, floor)))
+    way, height, weight = np.zeros(len(phase)), np.zeros(len(phase)), np.zeros(len(phase))
+    for leg, own, roll in steps:
+        z, y = _hip_over_foot(roll, own, pace, swing)
+        z -= pace.stride * own
+        load = np.where(own < pace.stance, np.sin(np.pi * np.clip(own / pace.stance, 0.0, 1.0)) ** 2, 0.0)
+        way += load * (z - (offset[:, leg.hip, 2] - offset[:, leg.hip, 2].mean()))
+        height += load * (y + floor - offset[:, leg.hip, 1])
+        weight += load
+    way, height = way / weight, height / weight
+    start = way.mean()  # of the hips over the toe joint at heel strike
+    move = np.zeros((len(phase), 3))
+    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * _wave(phase, 1, 0.31)
+    move[:, 1] = _even(height, phase)
+    move[:, 2] = 0.7 * (_even(way, phase) - start)
+    middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
+    move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
+    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    move[:, 1] -= _too_far(limbs, offset, move, feet)
+    for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
+        hip = offset[:, leg.hip] + move
+        ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
+        middle_, _ = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank)
+        for joint, bone, line in (
+            (leg.hip, c[leg.knee] - c[leg.hip], middle_ - hip),
+            (leg.knee, c[leg.ankle] - c[leg.knee], ankle - middle_),
+        ):
+            world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
+        world[:, leg.ankle] = foot
+        for j in below(skeleton, leg.ankle):
+            parent = world[:, skeleton.parents[j]]
+            world[:, j] = multiply(parent, about(X, -bend)) if j in leg.toes else parent
+    return world, move
+
+
+def _legs_at(own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats, Floats]:
+    """Thigh, knee and foot pitch (n,) at phases of one leg; the curves' stance of 62 % is stretched to this walk's."""
+    at = np.interp(own, [0.0, pace.stance, 1.0], [0.0, 0.62, 1.0])
+    knee = _curve(KNEE)(at)
+    early = np.exp(-(((at - 0.15) / 0.09) ** 2))  # giving way under the load grows with speed
+    knee = knee * (1 + (np.clip(pace.vigour, 0.5, 1.3) - 1) * 0.8 * early)
+    foot = _curve(FOOT)(at)
+    foot = np.where(foot > 0, foot * np.clip(swing, 0.4, 1.15), foot * np.clip(0.5 + 0.5 * swing, 0.6, 1.05))
+    return np.radians(1.0) + swing * _curve(THIGH)(at), knee, foot
+
+
+def _hip_over_foot(roll: _Roll, own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats]:
+    """Hip z from the flat foot's toe joint and y over the floor (n,) when the leg stands with normative angles."""
+    thigh, knee, foot = _legs_at(own, pace, swing)
+    ankle, _ = roll.at(foot)
+    z = ankle[:, 0] - roll.leg.thigh * np.sin(thigh) - roll.leg.shank * np.sin(thigh - knee)
+    y = ankle[:, 1] + roll.leg.thigh * np.cos(thigh) + roll.leg.shank * np.cos(thigh - knee)
+    return z, y
+
+
+def _thigh_scale(roll: _Roll, pace: _Pace) -> float:
+    """How much of the normative thigh swing makes this stride: the hip goes half a stride while the load changes over."""
+
+    def lack(swing: float) -> float:
+        z, _ = _hip_over_foot(roll, np.array([0.06, 0.56]) * pace.stance / 0.62, pace, swing)
+        return float(z[1] - z[0]) - 0.5 * pace.stride * pace.stance / 0.62
+
+    low, high = 0.2, 2.2
+    if lack(low) > 0 or lack(high) < 0:
+        return low if lack(low) > 0 else high
+    return float(brentq(lack, low, high, xtol=1e-6))
+
+
+def _even(values: Floats, phase: Floats) -> Floats:
+    """Mean, second and fourth harmonic of one cycle: both steps alike, nothing jerky."""
+    out = np.full(len(values), values.mean())
+    for k in (2, 4):
+        for wave in (np.cos(2 * np.pi * k * phase), np.sin(2 * np.pi * k * phase)):
+            out = out + 2 * (values @ wave) / len(values) * wave
+    return out
+
+
+def _foot_way(
+    skeleton: Skeleton,
+    leg: Leg,
+    own: Floats,
+    roll: _Roll,
+    pace: _Pace,
+    swing: float,
+    hip: Floats,
+    start: float,
+    floor: float,
+) -> tuple[Floats, Floats, Floats]:
+    """Ankle (F,3) less the way of the hips, the foot's world rotation (F,4) and the bend of its toes (F,)."""
+    sign = 1.0 if leg.side == "l" else -1.0
+    c = skeleton.centers
+    thigh, knee, pitch = _legs_at(own, pace, swing)
+    ankle, bend = roll.at(pitch)
+    ankle[:, 0] += -start - pace.stride * own
+    stands = own < pace.stance
+    # in the air: the normative leg hung from the hip, bent so that it leaves and meets the floor without a jerk
+    air = np.stack(
+        [
+            hip[:, 2] + leg.thigh * np.sin(thigh) + leg.shank * np.sin(thigh - knee),
+            hip[:, 1] - floor - leg.thigh * np.cos(thigh) - leg.shank * np.cos(thigh - knee),
+        ],
+        axis=-1,
+    )
+    order = np.argsort(own)
+    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
+    eps = 1e-4
+    ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
+    ends[2] = 0.0
+    _, _, turned = _legs_at(ends, pace, swing)
+    edge, _ = roll.at(turned)
+    edge[:, 0] += -start - pace.stride * np.array([pace.stance - eps, pace.stance, 0.0, eps])
+    miss = edge - loop(np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]))
+    span = 1.0 - pace.stance
+    s = np.clip((own - pace.stance) / span, 0.0, 1.0)[:, None]
+    slopes = (miss[1] - miss[0]) / eps * span, (miss[3] - miss[2]) / eps * span
+    bridge = (2 * s**3 - 3 * s**2 + 1) * miss[1] + (s**3 - 2 * s**2 + s) * slopes[0]
+    bridge = bridge + (3 * s**2 - 2 * s**3) * miss[2] + (s**3 - s**2) * slopes[1]
+    ankle = np.where(stands[:, None], ankle, air + bridge)
+    fly = s[:, 0]
+    last = float(_legs_at(np.array([pace.stance]), pace, swing)[2][0])
+    first = float(_legs_at(np.array([0.0]), pace, swing)[2][0])
+    off = np.clip(-last, 0.0, TOES_BEND)
+    airy = off * (1 - smooth(fly / 0.4)) + 0.4 * first * smooth((fly - 0.5) / 0.5)
+    bend = np.where(stands, np.where(pitch > 0, 0.4 * pitch, bend), airy)
+    ankle[:, 1] += _clearance(roll, ankle, pitch, bend, fly)
+    yaw = np.full(len(own), sign * np.radians(6.0))
+    tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
+    foot = compose(yaw, pitch, -sign * tuck)
+    half = 0.048 * leg.length / 0.85
+    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
+    # turned out about the toe joint: the ankle stands a little further in, and back by its own lateral offset
+    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - joint[0], 0.0, 0.0]))
+    track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
+    forth = rotate(about(Y, yaw), Z)
+    along = ankle[:, :1] + start + pace.stride * own[:, None]  # from the toe joint's place, within the foot's own line
+    out = np.zeros((len(own), 3))
+    out += forth * along + side
+    out[:, 0] += track
+    out[:, 2] -= start + pace.stride * own
+    out[:, 1] = ankle[:, 1] + floor
+    return out, foot, bend
+
+
+def _clearance(roll: _Roll, ankle: Floats, pitch: Floats, bend: Floats, fly: Floats, least: float = 0.012) -> Floats:
+    """How much higher (n,) the swinging foot has to go so that heel, ball and tip pass `least` over the floor."""
+    joint = ankle - _pitched(roll.ankle, pitch)
+    heel = joint + _pitched(roll.heel, pitch)
+    tip = joint + _pitched(roll.tip, pitch + bend)
+    ball = joint + _pitched(np.array([0.0, -roll.height]), pitch)
+    low = np.minimum(np.minimum(heel, tip), ball)[:, 1]
+    shape = np.where(fly > 0, np.sin(np.pi * np.clip(fly, 0.0, 1.0)) ** 2, 0.0)
+    need = np.where(shape > 0.25, (least - low) / np.maximum(shape, 0.25), 0.0)
+    return shape * max(0.0, float(need.max(initial=0.0)))
+
+
+def _too_far(limbs: tuple[Leg, ...], offset: Floats, move: Floats, feet: list) -> float:
+    """How much (m) the hips have to sink so that both legs always reach their feet."""
+    sink = 0.0
+    for leg, (ankle, _, _) in zip(limbs, feet):
+        way = offset[:, leg.hip] + move - ankle
+        reach = np.sqrt(np.maximum((0.9985 * REACH * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
+        sink = max(sink, float((way[:, 1] - reach).max()))
+    return sink
