@@ -111,7 +111,8 @@ class Figure:
                     yield self._bones(m)
                 continue
             skin = self.body.skin  # type: ignore[union-attr]
-            moved = self._deformer(matrices, morphs=weights) if weights else self._deformer(matrices)
+            known = {m.name for m in skin.morphs}
+            moved = self._deformer(matrices, morphs={k: w for k, w in weights.items() if k in known})
             for vertices in np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3):
                 world = vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
                 yield Surface(world, skin.triangles, None, skin.colors, skin.parts, skin.rest)

@@ -13,7 +13,7 @@ from vitruvian.formats.atomic import atomic
 from vitruvian.show.camera import Camera, _tuple
 from vitruvian.show.figure import Figure, Thing
 from vitruvian.show.picture import aim, floor_of
-from vitruvian.show.render import Pixels, Surface, render
+from vitruvian.show.render import Pixels, Surface, render, whole
 from vitruvian.show.shade import Studio
 
 
@@ -44,9 +44,10 @@ def film(
     write = {".mp4": _mp4, ".gif": _animated, ".webp": _animated, ".png": _sequence}.get(ending)
     if write is None:
         raise VitruvianError(f"{name}: expected a name that ends in .mp4, .gif, .webp or %04d.png, found {ending!r}")
+    size = whole(size)
     if write is _mp4:
         _av()
-        size = (size[0] // 2 * 2, size[1] // 2 * 2)  # chroma is stored for blocks of 2 x 2
+        size = (max(size[0] // 2 * 2, 2), max(size[1] // 2 * 2, 2))  # chroma is stored for blocks of 2 x 2
     figure = Figure(thing)
     length = seconds if seconds is not None else figure.seconds or 3.0
     count = max(round(length * fps), 1)

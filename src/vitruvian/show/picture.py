@@ -15,7 +15,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.formats.atomic import atomic
 from vitruvian.show.camera import Camera, direction, fit, stand
 from vitruvian.show.figure import Figure, Thing
-from vitruvian.show.render import Pixels, Surface, render
+from vitruvian.show.render import Pixels, Surface, render, whole
 from vitruvian.show.shade import Studio
 
 _ENDINGS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
@@ -46,6 +46,7 @@ def picture(
         raise VitruvianError(f"{path}: expected a name that ends in {', '.join(_ENDINGS)}, found {ending!r}")
     if transparent and _ENDINGS[ending] == "JPEG":
         raise VitruvianError(f"{path}: JPEG can't be transparent, use .png or .webp")
+    size = whole(size)
     figure = Figure(thing)
     times = [float(t) for t in np.atleast_1d(np.asarray(time, np.float64))]
     rows = []

@@ -129,6 +129,14 @@ def _offsets(samples: int) -> list[tuple[float, float]]:
     return [(float(at[i] + slant[j]), float(at[j] - slant[i])) for j in range(side) for i in range(side)]
 
 
+def whole(size: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) as integers in 1..16384; raises `VitruvianError`."""
+    width, height = (int(n) for n in size)
+    if not (0 < width <= 16384 and 0 < height <= 16384):
+        raise VitruvianError(f"size: expected two numbers in 1..16384, found {size}")
+    return width, height
+
+
 def render(
     surfaces: Sequence[Surface],
     camera: Camera,
@@ -147,9 +155,7 @@ def render(
     quality: directions per pixel for ambient light and for the key's soft shadow (times sixteen after the mean).
     tracing: "auto", "embree" or "numpy". Raises `VitruvianError` for an empty size or no surface.
     """
-    width, height = (int(n) for n in size)
-    if not (0 < width <= 16384 and 0 < height <= 16384):
-        raise VitruvianError(f"size: expected two numbers in 1..16384, found {size}")
+    width, height = whole(size)
     if not surfaces or not any(len(s.triangles) for s in surfaces):
         raise VitruvianError("picture: there is nothing to see, expected at least one triangle")
     studio = studio or Studio()
