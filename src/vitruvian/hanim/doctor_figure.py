@@ -347,11 +347,11 @@ def _weights(figure: Figure) -> None:
         add(rule, figure.node, message, "transfer weights from another body")
         return
     used = _used_points(figure)
-    without = np.flatnonzero((influences == 0) & used)
+    without = np.flatnonzero(influences == 0)
     if without.size:
-        message = (
-            f"{without.size} of {int(used.sum())} skin points have no weight (first {without[0]}): they stay behind"
-        )
+        drawn = int(used[without].sum())
+        message = f"{without.size} of {count} skin points have no weight (first {without[0]}): they stay behind"
+        message += f"; faces use {drawn} of them" if drawn else "; no face uses them"
         add("S04", figure.node, message, "give them the weights of their nearest neighbour")
     off = np.flatnonzero((influences > 0) & (np.abs(total - 1) > _WEIGHT_TOLERANCE))
     if off.size:
