@@ -48,7 +48,7 @@ class Scopes:
             self.sizes[id(node)] = size
 
     def use(self, name: str) -> tuple[Node | None, int]:
-        """(the node a USE means, its size): the latest earlier DEF of the scope, None when there is none or it is open."""
+        """(the node that a USE means, its size): the latest earlier DEF in scope; None when there is none or it is open."""
         node = self.names[-1].get(name)
         if node is None or id(node) in self.open:
             return None, 1
@@ -77,9 +77,14 @@ class Scopes:
                 return scope[name]
         return None
 
-    def instance(self, name: str, line: int) -> Proto | None:
-        """The prototype that an instance means, None when it isn't declared (yet). FileError inside its own body."""
+    def instance(self, name: str, line: int, *, builtin: bool = False) -> Proto | None:
+        """The prototype that an instance means, None when it isn't declared (yet). FileError inside its own body.
+
+        `builtin`: the name is also that of a node of the standard, which it means where no prototype is in sight.
+        """
         found = self.proto(name)
+        if found is None and builtin:
+            return None
         if found is None and any(name == body for body, _ in self.bodies):
             raise FileError(self.path, line, f"prototype {name} contains itself")
         if self.bodies and (found is None or found is self.protos[0].get(name)):
@@ -116,7 +121,7 @@ class Scopes:
 
 
 def put(fields: dict[str, object], name: str, item: Node | Use, type: str) -> list | None:
-    """Add a node to a node-valued field; a list when the type is MFNode or there are several. Returns the list, if any."""
+    """Add a node to a node-valued field; a list when the type is MFNode or there are several. Returns that list."""
     value = fields.get(name)
     if isinstance(value, list):
         value.append(item)

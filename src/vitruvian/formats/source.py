@@ -16,9 +16,9 @@ _MIB = 1 << 20
 class Limits:
     """What a scene file may ask for. The defaults keep a hostile file under 5 s and 1 GB.
 
-    `bytes` of the file and of what it unpacks to; `ratio` of unpacked to packed; `nodes`, USEs included; `entries`: nodes,
-    fields, comments, routes together; `depth` of nesting; `protos`: prototypes inside prototypes; `expansion`: nodes when
-    every USE is replaced by what it names.
+    `bytes` of the file and of what it unpacks to; `ratio` of unpacked to packed; `nodes`, USEs included; `entries`:
+    nodes, fields, comments, routes together; `depth` of nesting; `protos`: prototypes inside prototypes; `expansion`:
+    nodes when every USE is replaced by what it names.
     """
 
     bytes: int = 128 * _MIB
@@ -62,7 +62,7 @@ def _unpack(path: object, data: bytes, limits: Limits) -> bytes:
 
 
 def decode(path: object, data: bytes) -> str:
-    """Text of UTF-8 bytes with line ends as \\n, byte order mark removed; what isn't UTF-8 is read as Latin-1, with a warning."""
+    """Text of UTF-8 bytes, line ends as \\n, no byte order mark; what isn't UTF-8 is read as Latin-1 with a warning."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
     else:

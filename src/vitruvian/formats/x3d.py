@@ -399,6 +399,8 @@ class _Reader:
             return
         top = self.stack[-1]
         if top.kind == _NODE:
+            if not self.in_cdata and not top.text and text.isspace():
+                return
             if self.in_cdata and not top.cdata:
                 top.cdata, top.text = True, []
             if self.in_cdata or not top.cdata:

@@ -158,6 +158,11 @@ def type_of(node: Node, name: str, protos: Mapping[str, Proto]) -> str:
     return found.type if found is not None else ""
 
 
+def native(node_type: str) -> bool:
+    """Whether X3D has this node without any prototype."""
+    return node_type in _x3d() or node_type.startswith("HAnim")
+
+
 @lru_cache(maxsize=512)
 def container_of(node_type: str) -> str:
     """The containerField that a node type has by default in X3D XML."""

@@ -321,6 +321,24 @@ def text_of(value: object, type: str, syntax: str) -> str:
     return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
 
 
+def default_of(type: str, syntax: str) -> str:
+    """The text of the value that a field of this type has when nobody gives one."""
+    base = type[2:]
+    if type.startswith("MF"):
+        return "[ ]" if syntax == "vrml" else ""
+    if base == "Node":
+        return "NULL" if syntax == "vrml" else ""
+    if base == "String":
+        return '""' if syntax == "vrml" else ""
+    if base == "Bool":
+        return "FALSE" if syntax == "vrml" else "false"
+    if base == "Rotation":
+        return "0 0 1 0"
+    if base.startswith("Matrix"):
+        return " ".join(str(int(i == j)) for i in range(int(base[6])) for j in range(int(base[6])))
+    return " ".join(["0"] * (3 if base == "Image" else _COLUMNS.get(base, 1)))
+
+
 def translate(literal: Literal, type: str, syntax: str) -> str | None:
     """The text of a literal in the other syntax; None when it can't be said there.
 
