@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,7 @@ from vitruvian.hanim.build_shape import Names, ShapeWriter
 from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Node, Route, Scene, Use
 from vitruvian.hanim.humanoid import Array, Displacer, Humanoid, Joint, MotionData, Segment, Shape, Site, Track
+from vitruvian.hanim.reading import Reading
 from vitruvian.hanim.segmenting import segmented
 
 _ROTATION = np.array([0.0, 0.0, 1.0, 0.0])
@@ -24,6 +26,31 @@ _PLACE = {
     "center": ("center", np.zeros(3)),
 }
 _INTERPOLATORS = {4: "OrientationInterpolator", 3: "PositionInterpolator", 1: "ScalarInterpolator"}
+# Node types whose meaning the typed view carries (or that are made anew).
+_CARRIED = {
+    *(
+        "Shape",
+        "Appearance",
+        "Material",
+        "PhysicalMaterial",
+        "ImageTexture",
+        "Coordinate",
+        "TextureCoordinate",
+        "Color",
+    ),
+    *(
+        "ColorRGBA",
+        "Normal",
+        "IndexedFaceSet",
+        "IndexedTriangleSet",
+        "TriangleSet",
+        "Box",
+        "Sphere",
+        "Cylinder",
+        "Cone",
+    ),
+    *("Group", "Transform", "TimeSensor", *_INTERPOLATORS.values(), "WorldInfo", "NavigationInfo", "Background"),
+}
 # Fields of a Humanoid whose children need a containerField in XML.
 _NAMED = {"skeleton", "joints", "segments", "sites", "viewpoints", "skin", "skinCoord", "skinNormal", "motions"}
 
@@ -93,9 +120,7 @@ class _Builder:
         self.out.body += self.routes
         known = sorted(self.shapes.lost)
         lost += self.lost + known
-        foreign = [h for h in humanoids if h.scene is not None]
-        if foreign:
-            lost.append("nodes of the source file outside the humanoid, and unknown nodes inside it")
+        lost += _left_behind(humanoids)
         return self.out
 
     def _fitted(self, h: Humanoid) -> Humanoid:
@@ -103,6 +128,9 @@ class _Builder:
         if self.version != "1.1" or not len(h.skin_coord):
             return h
         self.lost.append("the seamless skin: H-Anim 1.1 has none, its triangles went to the segments of their joints")
+        moved = sum(len(j.displacers) for j in h.joints())
+        if moved:
+            self.lost.append(f"{moved} displacers of joints: H-Anim 1.1 has them under segments only")
         return segmented(h)
 
     def node(self, kind: str, name: str = "") -> Node:
@@ -384,6 +412,18 @@ def _place(fields: dict[str, object], thing: Humanoid | Joint | Site) -> None:
         value = getattr(thing, attribute)
         if not np.array_equal(value, default):
             fields[field] = value
+
+
+def _left_behind(humanoids: list[Humanoid]) -> list[str]:
+    """What the source files hold that a new scene does not: node types with their counts."""
+    counts: Counter[str] = Counter()
+    for scene in {id(h.scene): h.scene for h in humanoids if h.scene is not None}.values():
+        reading = Reading(scene)
+        counts.update(n.type for n in scene.walk() if n.type not in _CARRIED and not reading.kind(n))
+    if not counts:
+        return []
+    some = ", ".join(f"{n} {kind}" for kind, n in counts.most_common(8)) + (", ..." if len(counts) > 8 else "")
+    return [f"other nodes of the source file: {some}"]
 
 
 def _credits(humanoids: list[Humanoid]) -> list[str]:
