@@ -1,7 +1,8 @@
 """The H-Anim doctor: what is wrong with a scene, where, why it matters in real browsers, and how to mend it.
 
 `check` never raises on bad content; whatever it cannot read becomes a finding. Rules that start with M are about
-"why it does not move", S about the skin, N names, T the tree, V versions, F the file, P places, D displacers and limits.
+"why it does not move", S about the skin, N names, T the tree, V versions, F the file, P places, D displacers
+and limits.
 """
 
 from __future__ import annotations
