@@ -170,7 +170,7 @@ def _container(chart: Chart, node: Node, kind: str, field: str, entry: Node | Us
         return
     child = chart.reading.kind(target)
     right = field
-    if kind == "Humanoid" and not entry.container and container_of(target.type) != field:
+    if kind == "Humanoid" and entry.line and not entry.container and container_of(target.type) != field:
         message = f"{target.type} {entry.name} stands without containerField: browsers put it elsewhere"
         chart.add("F06", node, message, f"containerField='{field}'", entry.line)
         return
