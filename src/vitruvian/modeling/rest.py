@@ -1,5 +1,8 @@
-"""From the source's A pose to the rest pose of the standard: arms, hands and fingers along -Y, palms to the thighs,
+"""From the source's A pose to the rest pose of the standard: forearms, hands and fingers along -Y, palms to the thighs,
 thumbs 45 degrees forward, legs straight down, toes forward, every joint rotation zero.
+
+The upper arms are tilted outward just as far as the hands need to clear the thighs (arms that hang exactly along -Y
+from these shoulders would stand inside the hips).
 
 Method: each bone's present direction is turned onto its direction at rest by the smallest rotation, the twist of the
 arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows with the log
@@ -16,6 +19,7 @@ from vitruvian.deform.deformer import deformer
 
 DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
+MOST_TILT = 0.25  # sine of the largest tilt of an upper arm
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
@@ -35,10 +39,13 @@ def _twist_to(direction: Floats, wanted: Floats) -> float:
     return float(-((angle + np.pi) % (2 * np.pi) - np.pi))
 
 
-def rest_turns(names: tuple[str, ...], parents: Ints, centers: Floats, tips: dict[str, Floats]) -> Floats:
+def rest_turns(
+    names: tuple[str, ...], parents: Ints, centers: Floats, tips: dict[str, Floats], hip_width: float
+) -> Floats:
     """(J,4) world rotation of every joint that brings the A pose to rest.
 
-    `tips` gives the far end of the last phalanges, by joint name.
+    `tips` gives the far end of the last phalanges, by joint name; `hip_width` (m) is how far from the middle plane the
+    hands must hang to clear the hips.
     """
     index = {n: i for i, n in enumerate(names)}
     turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
@@ -58,7 +65,10 @@ def rest_turns(names: tuple[str, ...], parents: Ints, centers: Floats, tips: dic
             turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
 
         if part == "shoulder":
-            swing(along("elbow"), DOWN)
+            length = float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i]))
+            tilt = np.arcsin(np.clip((hip_width - abs(centers[i, 0])) / length, 0.0, MOST_TILT))
+            outward = np.sin(tilt) * (1 if side == "l" else -1)
+            swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
             forearm = _unit(centers[index[f"{side}_radiocarpal"]] - centers[index[f"{side}_elbow"]])
             bent = rot.rotate(turn[i], forearm)
             twist = float(np.clip(_twist_to(bent, FORWARD), -1.0, 1.0))
