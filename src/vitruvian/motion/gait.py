@@ -280,17 +280,23 @@ def _walk_legs(
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
-        middle_, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
-        for joint, bone, line in (
-            (leg.hip, c[leg.knee] - c[leg.hip], middle_ - hip),
-            (leg.knee, c[leg.ankle] - c[leg.knee], ankle - middle_),
-        ):
-            world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
+        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
+        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
         world[:, leg.ankle] = foot
         for j in below(skeleton, leg.ankle):
             parent = world[:, skeleton.parents[j]]
             world[:, j] = multiply(parent, about(X, -bend)) if j in leg.toes else parent
     return world, move
+
+
+def _aim(skeleton: Skeleton, leg: Leg, world: Floats, hip: Floats, knee: Floats, ankle: Floats, ahead: Floats) -> None:
+    """World rotations (in place) that lay thigh and shank along hip, knee and ankle (F,3), kneecaps towards `ahead`."""
+    c = skeleton.centers
+    for joint, bone, line in (
+        (leg.hip, c[leg.knee] - c[leg.hip], knee - hip),
+        (leg.knee, c[leg.ankle] - c[leg.knee], ankle - knee),
+    ):
+        world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
 
 
 def _legs_at(own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats, Floats]:
@@ -423,3 +429,128 @@ def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list)
         reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
+
+
+def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequence[str] = ()) -> Motion:
+    """A person standing at ease: weight from leg to leg, breath, small looks around; never still, loops without a seam.
+
+    seconds: length of the loop (at least 4). blink: names of displacers that close the eyes; they get weights that close
+    them now and then for about 0.15 s. Feet stay planted on the floor where they are at rest.
+    """
+    if not seconds >= 4:
+        raise VitruvianError(f"seconds: expected at least 4 for one breath, found {seconds}")
+    if not fps >= 10:
+        raise VitruvianError(f"fps: expected at least 10 frames per second, found {fps}")
+    limbs, index = legs(skeleton), joint_index(skeleton.names)
+    if "humanoid_root" not in index:
+        raise VitruvianError("skeleton: expected a joint humanoid_root to stand")
+    frames = int(round(seconds * fps))
+    phase = np.arange(frames) / frames
+    wave = lambda n, peak=0.0: _wave(phase, n, peak)  # noqa: E731
+    degrees = np.radians
+    breaths = max(1, int(round(seconds / 4.0)))
+    breath = wave(breaths) + 0.18 * wave(2 * breaths, 0.02)
+    weight = 0.85 * wave(1, 0.2) + 0.22 * wave(2, 0.35) + 0.07 * wave(3, 0.1)  # 1: on the left leg
+    restless = 0.5 * wave(3, 0.15) + 0.35 * wave(5, 0.62)
+    pelvis = multiply(about(Z, degrees(1.8) * weight), about(Y, degrees(1.6) * wave(1, 0.32)))
+    pelvis = multiply(pelvis, about(X, degrees(0.5) * restless))
+    chest = multiply(about(Z, -degrees(1.0) * weight), about(Y, degrees(1.0) * wave(2, 0.5)))
+    chest = multiply(chest, about(X, degrees(1.0) - degrees(0.9) * breath + degrees(0.4) * restless))
+    look = degrees(4.5) * (wave(1, 0.62) + 0.45 * wave(2, 0.2)) + degrees(0.8) * restless
+    nod = degrees(0.5) + degrees(1.1) * wave(2, 0.8) + degrees(0.5) * wave(3, 0.4) + degrees(0.3) * breath
+    head = multiply(multiply(about(Y, look), about(X, nod)), about(Z, degrees(1.2) * wave(1, 0.45)))
+    local = np.zeros((frames, len(skeleton), 4))
+    local[..., 3] = 1.0
+    local[:, index["humanoid_root"]] = pelvis
+    _spine(skeleton, index, local, pelvis, chest, head)
+    for side, sign, late in (("l", 1.0, 0.0), ("r", -1.0, 0.07)):
+        _hanging_arm(skeleton, index, local, side, sign, breath, _wave(phase, 1, 0.4 + late) + 0.5 * _wave(phase, 3, late))
+    for name, turn in relaxed(skeleton).items():
+        ease_ = 1.0 + 0.12 * _wave(phase, 2, 0.3 if name.startswith("l") else 0.55)
+        local[:, index[name]] = about(to_axis(turn), 2 * np.arccos(np.clip(turn[3], -1, 1)) * ease_)
+    world = world_rotations(skeleton.parents, local)
+    move = np.zeros((frames, 3))
+    if len(limbs) == 2:
+        world, move = _stand(skeleton, limbs, world, weight, breath, phase)
+    return Motion(
+        skeleton,
+        fps,
+        local_rotations(skeleton.parents, world),
+        move,
+        weights={name: _blinks(frames, fps) for name in blink},
+        loop=True,
+        name="idle",
+    )
+
+
+def to_axis(q: Floats) -> Floats:
+    """Unit axis (3,) of a rotation that turns."""
+    return unit(q[..., :3])
+
+
+def _hanging_arm(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, breath: Floats, drift: Floats
+) -> None:
+    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
+    if shoulder is None or elbow is None or wrist is None:
+        return
+    degrees, c = np.radians, skeleton.centers
+    if f"{side}_sternoclavicular" in index:
+        local[:, index[f"{side}_sternoclavicular"]] = about(Z, sign * degrees(0.9) * breath)
+    upper, fore = unit(c[elbow] - c[shoulder]), unit(c[wrist] - c[elbow])
+    spread, front = np.arctan2(sign * upper[0], -upper[1]), np.arctan2(upper[2], -upper[1])
+    hang = degrees(7.5) + degrees(0.5) * breath + degrees(0.5) * drift
+    forward = degrees(-1.0) + degrees(0.9) * drift
+    local[:, shoulder] = multiply(
+        multiply(about(X, -(forward - front)), about(Z, sign * (hang - spread))), about(Y, -sign * degrees(10.0) + 0 * hang)
+    )
+    straight = np.arctan2(fore[2], -fore[1]) - front
+    bend = degrees(13.0) + degrees(1.2) * drift
+    local[:, elbow] = multiply(about(X, -(bend - straight)), about(Y, -sign * degrees(14.0) + 0 * bend))
+    local[:, wrist] = about(Z, -sign * degrees(5.0) + 0 * bend)
+
+
+def _stand(
+    skeleton: Skeleton, limbs: tuple[Leg, ...], world: Floats, weight: Floats, breath: Floats, phase: Floats
+) -> tuple[Floats, Floats]:
+    """Both feet stay where they are at rest; the hips go over the loaded leg, whose knee is straighter."""
+    c = skeleton.centers
+    offset = positions(skeleton.parents, c, world, np.zeros((len(phase), 3)))
+    length = float(np.mean([leg.length for leg in limbs]))
+    move = np.zeros((len(phase), 3))
+    move[:, 0] = 0.022 * length / 0.9 * weight
+    move[:, 2] = 0.004 * length / 0.9 * (_wave(phase, 2, 0.1) + 0.6 * _wave(phase, 3, 0.7))
+    need = 0.0
+    ankles = []
+    for leg in limbs:
+        goal = c[leg.ankle]
+        hip = offset[:, leg.hip] + move
+        way = hip - goal
+        reach = np.sqrt((0.9985 * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2)
+        need = max(need, float((way[:, 1] - reach).max()))
+        ankles.append(goal)
+    move[:, 1] -= need + 0.0008 * (1 + breath)
+    world = world.copy()
+    for leg, goal in zip(limbs, ankles):
+        hip = offset[:, leg.hip] + move
+        ankle = np.broadcast_to(goal, hip.shape)
+        sign = 1.0 if leg.side == "l" else -1.0
+        ahead = np.broadcast_to(rotate(about(Y, sign * np.radians(5.0)), Z), hip.shape)
+        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
+        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
+        world[:, leg.ankle] = [0.0, 0.0, 0.0, 1.0]
+        for j in below(skeleton, leg.ankle):
+            world[:, j] = world[:, skeleton.parents[j]]
+    return world, move
+
+
+def _blinks(frames: int, fps: float) -> Floats:
+    """Weights (F,) that close the eyes about every three seconds, unevenly, each for about 0.15 s."""
+    out = np.zeros(frames)
+    at, gaps, k = 1.3, (3.1, 2.3, 3.9, 0.6, 3.4), 0
+    while at < frames / fps - 0.3:
+        t = np.arange(frames) / fps - at
+        out = np.maximum(out, np.where(t < 0, smooth(1 + t / 0.07), smooth(1 - (t - 0.03) / 0.11)))
+        at += gaps[k % len(gaps)]
+        k += 1
+    return out
