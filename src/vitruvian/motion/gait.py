@@ -235,7 +235,7 @@ def _pitched(v: Floats, pitch: Floats) -> Floats:
 
 def _roll(skeleton: Skeleton, leg: Leg, floor: float) -> _Roll:
     c = skeleton.centers
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
+    joint = leg.pivot
     height = float(joint[1] - floor)
     flat = lambda p: np.array([p[2] - joint[2], p[1] - joint[1]])  # noqa: E731
     return _Roll(leg, flat(c[leg.ankle]), flat(leg.heel), flat(leg.tip), height)
@@ -391,9 +391,8 @@ def _foot_way(
     tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
     foot = compose(yaw, pitch, -sign * tuck)
     half = 0.048 * leg.length / 0.85
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
     # turned out about the toe joint: the ankle stands a little further in, and back by its own lateral offset
-    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - joint[0], 0.0, 0.0]))
+    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - leg.pivot[0], 0.0, 0.0]))
     track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
     forth = rotate(about(Y, yaw), Z)
     # what the foot does about its place on the floor goes along its own line, its flight along the way

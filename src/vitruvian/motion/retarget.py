@@ -16,7 +16,7 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import floor_at_rest, legs, runs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
 from vitruvian.motion.legs import Foothold, plant
 from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
@@ -153,8 +153,15 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
         some = ", ".join(skeleton.names[:6])
         raise VitruvianError(f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}")
-    world = world_rotations(skeleton.parents, motion.rotation)
-    place = positions(skeleton.parents, skeleton.centers, world, motion.translation, motion.joint_translation)
+    rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
+    notes = []
+    if _odd_start(motion):
+        # CMU's conversions begin with a row of zeros
+        keep = np.r_[1, 1 : len(motion)]
+        rotation, move, shift = rotation[keep], move[keep], None if shift is None else shift[keep]
+        notes.append("frame 0 has nothing to do with frame 1 (an inserted pose): frame 1 is shown instead")
+    world = world_rotations(skeleton.parents, rotation)
+    place = positions(skeleton.parents, skeleton.centers, world, move, shift)
     rest = skeleton.centers
     if rest_frame is not None:
         if not -len(motion) <= rest_frame < len(motion):
@@ -162,8 +169,21 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
         rest = place[rest_frame]
         world = multiply(world, inverse(world[rest_frame]))
     lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
-    notes = [f"not matched, carried by their neighbours: {', '.join(lost)}"] if lost else []
+    if lost:
+        notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
     return _Source(skeleton, index, trunk, rest, world, place), notes
+
+
+def _odd_start(motion: Motion) -> bool:
+    """Whether the first frame is far from the second while the next ones follow each other closely."""
+    if len(motion) < 4:
+        return False
+    some = min(len(motion), 12)
+    dots = np.abs(np.sum(motion.rotation[1:some] * motion.rotation[: some - 1], axis=-1))
+    turns = 2 * np.arccos(np.clip(dots, -1.0, 1.0)).max(axis=1)
+    moves = np.linalg.norm(np.diff(motion.translation[:some], axis=0), axis=1)
+    far = turns[0] > max(np.radians(10), 8 * turns[1:].max()) or moves[0] > max(0.1, 8 * moves[1:].max())
+    return bool(far)
 
 
 def _facing(source: _Source) -> Floats:
@@ -424,7 +444,7 @@ def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
 
 
 def _ground(
-    skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple, holds: Mapping[str, Foothold]
+    skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], holds: Mapping[str, Foothold]
 ) -> float:
     """How far (m) to lift the clip so that the soles that stand do so on the floor."""
     place = positions(skeleton.parents, skeleton.centers, world, move)
@@ -438,5 +458,3 @@ def _ground(
         found = place[:, [leg.ankle for leg in limbs], 1].min(axis=1) - limbs[0].length * 0.1
     return floor_at_rest(skeleton) - float(np.median(found))
 
-
-__all__ = ["retarget", "runs"]
