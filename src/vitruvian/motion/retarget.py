@@ -16,7 +16,7 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, runs, standing
 from vitruvian.motion.legs import Foothold, plant
 from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
@@ -440,6 +440,11 @@ def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
         return Foothold(none, none)
     heel = standing(source.place[:, ankle] * scale, fps)
     ball = standing(source.place[:, toe] * scale, fps)
+    # an end of the foot that comes loose for a moment while the other stands has not been lifted
+    for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
+        for start, stop in runs(~flags):
+            if 0 < start and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+                flags[start:stop] = True
     return Foothold(heel, ball)
 
 
