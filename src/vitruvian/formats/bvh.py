@@ -288,14 +288,23 @@ def _rotations(joints: list[_Joint], values: Floats) -> Floats:
             columns += [column + i for i, c in enumerate(channels) if c[1] == "r"]
         column += len(channels)
     for order, (owner, columns) in groups.items():
-        angles = np.radians(values[:, columns]).reshape(len(values), len(owner), len(order))
+        angles = np.radians(values[:, _span(columns)]).reshape(len(values), len(owner), len(order))
         if len(order) == 3:
-            out[:, owner] = from_euler(angles, order)
-        else:
-            axes = np.eye(3)[["XYZ".index(c) for c in order]]
-            turns = [from_vector(angles[..., i, None] * axes[i]) for i in range(len(order))]
-            out[:, owner] = turns[0] if len(turns) == 1 else multiply(turns[0], turns[1])
+            turns = from_euler(angles, order)
+            if len(owner) == len(joints):
+                return turns
+            out[:, _span(owner)] = turns
+            continue
+        axes = np.eye(3)[["XYZ".index(c) for c in order]]
+        turns = from_vector(angles[..., 0, None] * axes[0])
+        out[:, owner] = turns if len(order) == 1 else multiply(turns, from_vector(angles[..., 1, None] * axes[1]))
     return out
+
+
+def _span(places: list[int]) -> slice | list[int]:
+    """The same places as a slice when they are in a row: no copy."""
+    row = places == list(range(places[0], places[0] + len(places)))
+    return slice(places[0], places[0] + len(places)) if row else places
 
 
 def _shifts(joints: list[_Joint], values: Floats, offsets: Floats) -> Floats | None:
