@@ -15,8 +15,9 @@ class Motion:
 
     rotation (F,J,4): local joint rotations, unit quaternions xyzw, hemisphere-continuous in time.
     translation (F,3): the translation field of the first joint (an offset from its rest centre), metres.
-    joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None. weights: displacer name -> (F,). loop: the last frame leads to
-    the first. notes: what a reader or retargeting had to decide, one line each.
+    joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None.
+    weights: displacer name -> (F,). loop: the last frame leads to the first.
+    notes: what a reader or retargeting had to decide, one line each.
     """
 
     skeleton: Skeleton
