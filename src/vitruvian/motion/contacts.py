@@ -5,13 +5,14 @@ Source: note motion.md, 4.7 (thresholds and hysteresis).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.rotations import rotate
 from vitruvian.body.types import Body, Floats, Skeleton
+from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.turns import positions, world_rotations
 from vitruvian.motion.types import Motion
@@ -23,8 +24,9 @@ FLAT = np.array([1.0, 0.0, 1.0])
 class Leg:
     """One leg of a skeleton: joint indices, bone lengths (m) and the sole at rest.
 
-    `toes` are the joints at the ball of the foot (none: the foot is one piece). `heel`, `ball`, `tip` (3,) are points of
-    the sole in humanoid space at rest, all on the floor.
+    `toes` are the joints at the ball of the foot (none: the foot is one piece), `front` the one the foot rolls over (else
+    the ankle) and `pivot` (3,) its centre. `heel`, `ball`, `tip` (3,) are points of the sole, all on the floor; heel moves
+    with the ankle, ball and tip with `front`. Points are in humanoid space at rest.
     """
 
     side: str
@@ -32,6 +34,8 @@ class Leg:
     knee: int
     ankle: int
     toes: tuple[int, ...]
+    front: int
+    pivot: Floats
     heel: Floats
     ball: Floats
     tip: Floats
@@ -57,7 +61,7 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
     floor = floor_at_rest(skeleton)
     found = []
     size = float(np.ptp(skeleton.centers[:, 1]))
-    sites = {name.removesuffix("_pt").removesuffix("_tip"): p for name, p in zip(skeleton.site_names, skeleton.site_points)}
+    sites = {canonical(name, "site") or name: p for name, p in zip(skeleton.site_names, skeleton.site_points)}
     for side in "lr":
         chain = [index.get(f"{side}_{part}") for part in ("hip", "knee", "talocrural")]
         if None in chain:
@@ -67,19 +71,17 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         c = skeleton.centers
         middle = index.get(f"{side}_metatarsophalangeal_2", toes[0] if toes else None)
         ball = c[middle] if middle is not None else c[ankle] + [0.0, 0.0, 0.075 * size]
-        tip = _site(sites, side, "tarsal_distal_phalanx_2", "digit2", "tarsal_distal_phalanx_1", "digit1")
-        heel = _site(sites, side, "calcaneus_posterior", "calcaneous_post")
+        tip = sites.get(f"{side}_tarsal_distal_phalanx_2")
+        heel = sites.get(f"{side}_calcaneus_posterior")
         tip = ball + [0.0, 0.0, 0.03 * size] if tip is None else tip
         heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.01]
         points = [np.array([p[0], floor, p[2]]) for p in (heel, ball, tip)]
         points[0][0] = c[ankle][0]
+        front = ankle if middle is None else int(middle)
+        pivot = points[1] if middle is None else c[front]
         lengths = np.linalg.norm(c[knee] - c[hip]), np.linalg.norm(c[ankle] - c[knee])
-        found.append(Leg(side, hip, knee, ankle, toes, *points, *(float(v) for v in lengths)))
+        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, *points, *(float(v) for v in lengths)))
     return tuple(found if body is None else (_on_skin(leg, body) for leg in found))
-
-
-def _site(sites: dict[str, Floats], side: str, *names: str) -> Floats | None:
-    return next((sites[f"{side}_{n}"] for n in names if f"{side}_{n}" in sites), None)
 
 
 def below(skeleton: Skeleton, joint: int) -> list[int]:
@@ -102,7 +104,7 @@ def _on_skin(leg: Leg, body: Body) -> Leg:
         return leg
     heel, tip = leg.heel.copy(), leg.tip.copy()
     heel[2], tip[2] = sole[:, 2].min() + 0.01, sole[:, 2].max() - 0.01
-    return Leg(leg.side, leg.hip, leg.knee, leg.ankle, leg.toes, heel, leg.ball, tip, leg.thigh, leg.shank)
+    return replace(leg, heel=heel, tip=tip)
 
 
 def standing(
@@ -157,8 +159,7 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
     place = positions(skeleton.parents, skeleton.centers, world, motion.translation, motion.joint_translation)
     out = []
     for leg in legs(skeleton, body):
-        front = leg.toes[len(leg.toes) // 2 if len(leg.toes) < 5 else 1] if leg.toes else leg.ankle
-        for joint, point in ((leg.ankle, leg.heel), (leg.ankle, leg.ball), (front, leg.tip)):
+        for joint, point in ((leg.ankle, leg.heel), (leg.front, leg.ball), (leg.front, leg.tip)):
             out.append(place[:, joint] + rotate(world[:, joint], point - skeleton.centers[joint]))
     if not out:
         return np.zeros((len(motion), 0, 3))
@@ -166,15 +167,20 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
 
 
 def foot_slide_mm(motion: Motion, body: Body | None = None, *, touch: float = 0.005) -> float:
-    """How far (mm per frame, largest) a point of a sole moves along the floor while it is within `touch` (m) of it.
+    """How far (mm per frame, largest) a point of a sole moves along the floor while it stands.
 
-    Heel, ball and toe tip count. What hovers higher may move, whatever is on the floor may not.
+    Heel, ball and toe tip count, each when it stays within `touch` (m) of the floor for a tenth of a second or longer; the
+    first and last thirtieth of a second, when it is put down and taken up, do not.
     """
     points = sole_points(motion, body)
-    low = points[..., 1] < touch
-    both = low[1:] & low[:-1]
     step = np.linalg.norm(np.diff(points, axis=0)[..., [0, 2]], axis=-1)
-    return float(1000 * np.where(both, step, 0.0).max(initial=0.0))
+    edge = max(1, int(round(motion.fps / 30)))
+    worst = 0.0
+    for k in range(points.shape[1]):
+        for start, stop in runs(points[:, k, 1] < touch):
+            if stop - start >= 0.1 * motion.fps:
+                worst = max(worst, float(step[start + edge : stop - 1 - edge, k].max(initial=0.0)))
+    return 1000 * worst
 
 
 def floor_penetration_mm(motion: Motion, body: Body | None = None) -> float:

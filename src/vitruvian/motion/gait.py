@@ -1,6 +1,6 @@
-"""A walk and an idle of our own, for any H-Anim skeleton.
+"""A walk of our own, for any H-Anim skeleton.
 
-The walk starts from normative angles over the gait cycle (0 = heel strike, 1 = next heel strike of the same foot): key
+It starts from normative angles over the gait cycle (0 = heel strike, 1 = next heel strike of the same foot): key
 values of our own fit to the mean curves in D. A. Winter, "The Biomechanics and Motor Control of Human Gait" (2nd ed.,
 1991) for hip, knee and ankle, J. Perry, "Gait Analysis" (1992) for pelvis, toes and foot rockers, M. P. Murray, S. B.
 Sepic and E. J. Barnard, "Patterns of sagittal rotation of the upper limbs in walking" (1967) for the arms. Cadence
@@ -10,24 +10,22 @@ the floor, rolled over heel, ball and toes, and the legs solved to reach them, s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from vitruvian.body.rotations import inverse, multiply, rotate, slerp
+from vitruvian.body.rotations import multiply, rotate
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import compose, smooth, two_bone
-from vitruvian.motion.names import VERTEBRAE, joint_index
-from vitruvian.motion.turns import about, frame, local_rotations, positions, unit, world_rotations
+from vitruvian.motion.names import joint_index
+from vitruvian.motion.posture import STRAIGHT, X, Y, Z, aim_leg, hang_arm, spread_spine, wave
+from vitruvian.motion.turns import about, local_rotations, positions, world_rotations
 from vitruvian.motion.types import Motion
-
-X, Y, Z = np.eye(3)
 
 # Degrees at percent of the cycle. Thigh: from vertical, forward positive. Knee: flexion. Foot: pitch, toes up positive
 # (the sum of thigh, knee and ankle; its flat part is exactly flat).
@@ -37,7 +35,6 @@ KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 
         69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
 FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
         70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
-STRAIGHT = 0.9992  # of the leg's length: knees keep some four degrees
 TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -108,99 +105,61 @@ def walk(
     return Motion(skeleton, fps, rotation, move, loop=True, name="walk")
 
 
-def _wave(phase: Floats, harmonic: int, peak: float) -> Floats:
-    """Cosine of the given harmonic of the cycle with its maximum at `peak` (share of the cycle)."""
-    return np.cos(2 * np.pi * harmonic * (phase - peak))
-
-
 def _upper_body(skeleton: Skeleton, index: dict[str, int], phase: Floats, pace: _Pace) -> Floats:
     """Local rotations (F,J,4) of everything but the legs; `phase` is that of the left leg."""
     degrees, v = np.radians, pace.vigour
     size = pace.stride / 1.45
-    yaw = degrees(4.5) * size * -_wave(phase, 1, 0.02)  # left hip forward at left heel strike
+    yaw = degrees(4.5) * size * -wave(phase, 1, 0.02)  # left hip forward at left heel strike
     list_ = degrees(4.0) * v**0.5 * _list(phase)
-    tilt = degrees(1.2) * _wave(phase, 2, 0.05) + degrees(1.5)
+    tilt = degrees(1.2) * wave(phase, 2, 0.05) + degrees(1.5)
     pelvis = multiply(multiply(about(Y, yaw), about(Z, list_)), about(X, tilt))
     # the chest turns against the pelvis a little late, leans into the walk, and stays level
-    chest_yaw = degrees(3.8) * v * _wave(phase, 1, 0.06)
-    lean = degrees(2.0 + 1.2 * (v - 1)) + degrees(0.8) * _wave(phase, 2, 0.1)
-    sway = degrees(1.3) * _wave(phase, 1, 0.3)
+    chest_yaw = degrees(3.8) * v * wave(phase, 1, 0.06)
+    lean = degrees(2.0 + 1.2 * (v - 1)) + degrees(0.8) * wave(phase, 2, 0.1)
+    sway = degrees(1.3) * wave(phase, 1, 0.3)
     chest = multiply(multiply(about(Y, chest_yaw), about(Z, -sway)), about(X, lean))
-    head = multiply(about(Y, 0.15 * chest_yaw), about(X, degrees(1.0) - degrees(0.7) * _wave(phase, 2, 0.12)))
+    head = multiply(about(Y, 0.15 * chest_yaw), about(X, degrees(1.0) - degrees(0.7) * wave(phase, 2, 0.12)))
     local = np.zeros((len(phase), len(skeleton), 4))
     local[..., 3] = 1.0
     local[:, index["humanoid_root"]] = pelvis
-    _spine(skeleton, index, local, pelvis, chest, head)
-    for side, sign, own in (("l", 1.0, phase), ("r", -1.0, phase - 0.5)):
-        _arm(skeleton, index, local, side, sign, own, v)
+    spread_spine(skeleton, index, local, pelvis, chest, head)
+    for side, own in (("l", phase), ("r", phase - 0.5)):
+        _swing_arm(skeleton, index, local, side, own, v)
     for name, turn in relaxed(skeleton).items():
         local[:, index[name]] = turn
     return local
 
 
+def _swing_arm(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, phase: Floats, vigour: float
+) -> None:
+    """The arm swings against its own leg: farthest back at its heel strike, farthest forward half a cycle later.
+
+    The elbow follows the shoulder a little late, the wrist the elbow.
+    """
+    degrees = np.radians
+    if f"{side}_sternoclavicular" in index:
+        forth = degrees(-2.0 if side == "l" else 2.0) * vigour * wave(phase, 1, 0.55)
+        local[:, index[f"{side}_sternoclavicular"]] = about(Y, forth)
+    hang_arm(
+        skeleton,
+        index,
+        local,
+        side,
+        forward=degrees(-6.0) + degrees(16.0) * vigour * (wave(phase, 1, 0.52) + 0.06 * wave(phase, 2, 0.55)),
+        out=degrees(7.0) + degrees(1.0) * wave(phase, 1, 0.55),
+        bend=degrees(11.0) + degrees(9.0) * vigour * (1 + wave(phase, 1, 0.60)) + degrees(3.0) * vigour,
+        inward=degrees(8.0) + degrees(5.0) * vigour * wave(phase, 1, 0.55),
+        pronation=degrees(14.0),
+        wrist=degrees(-4.0) * wave(phase, 1, 0.72),
+        palm=degrees(5.0),
+    )
+
+
 def _list(phase: Floats) -> Floats:
     """Pelvic list, -1..1: the swinging side hangs lowest just after the other foot has taken the weight."""
-    raw = _wave(phase, 1, 0.17) + 0.28 * _wave(phase, 3, 0.10)
+    raw = wave(phase, 1, 0.17) + 0.28 * wave(phase, 3, 0.10)
     return raw / 1.2
-
-
-def _spine(
-    skeleton: Skeleton, index: dict[str, int], local: Floats, pelvis: Floats, chest: Floats, head: Floats
-) -> None:
-    """Spread the way from pelvis over chest to head evenly (by height) over the vertebrae that there are."""
-    names = [n for n in VERTEBRAE if n in index]
-    y = skeleton.centers[:, 1]
-    top = y[index["vt1"]] if "vt1" in index else y[index["l_shoulder"]] if "l_shoulder" in index else y.max()
-    low = y[index["humanoid_root"]]
-    skull = y[index["skullbase"]] if "skullbase" in index else top + 0.1
-    before = pelvis
-    lower = [n for n in names if not n.startswith("vc")]
-    for name in names:
-        if name in lower:
-            last = name == lower[-1]
-            share = 1.0 if last else np.clip((y[index[name]] - low) / max(top - low, 1e-6), 0.0, 1.0)
-            now = slerp(pelvis, chest, np.full(len(pelvis), share))
-        else:
-            share = np.clip((y[index[name]] - top) / max(skull - top, 1e-6), 0.0, 1.0)
-            now = slerp(chest, head, np.full(len(pelvis), share))
-        local[:, index[name]] = multiply(inverse(before), now)
-        before = now
-    if "skullbase" in index:
-        local[:, index["skullbase"]] = multiply(inverse(before), head)
-
-
-def _arm(
-    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, phase: Floats, vigour: float
-) -> None:
-    """The arm swings against its own leg: farthest back at its heel strike, farthest forward half a cycle later."""
-    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
-    clavicle = index.get(f"{side}_sternoclavicular")
-    degrees = np.radians
-    if shoulder is None or elbow is None:
-        return
-    c = skeleton.centers
-    swing = degrees(-6.0) + degrees(16.0) * vigour * (_wave(phase, 1, 0.52) + 0.06 * _wave(phase, 2, 0.55))
-    upper = unit(c[elbow] - c[shoulder])
-    spread = np.arctan2(sign * upper[0], -upper[1])  # how far the arm stands off at rest
-    hang = degrees(7.0) + degrees(1.0) * _wave(phase, 1, 0.55)
-    lift = about(Z, sign * (hang - spread))
-    inward = about(Y, -sign * (degrees(8.0) + degrees(5.0) * vigour * _wave(phase, 1, 0.55)))
-    front = np.arctan2(upper[2], -upper[1])
-    local[:, shoulder] = multiply(multiply(about(X, -(swing - front)), lift), inward)
-    if clavicle is not None:
-        local[:, clavicle] = multiply(
-            about(Y, sign * degrees(-2.0) * vigour * _wave(phase, 1, 0.55)), about(Z, np.full(len(phase), 0.0))
-        )
-    bend = degrees(11.0) + degrees(9.0) * vigour * (1 + _wave(phase, 1, 0.60)) + degrees(3.0) * vigour
-    if wrist is None:
-        local[:, elbow] = about(X, -bend)
-        return
-    fore = unit(c[wrist] - c[elbow])
-    straight = np.arctan2(fore[2], -fore[1]) - front  # bend at rest
-    local[:, elbow] = multiply(about(X, -(bend - straight)), about(-Y, sign * np.full(len(phase), degrees(14.0))))
-    local[:, wrist] = multiply(
-        about(X, degrees(4.0) * _wave(phase, 1, 0.72)), about(Z, -sign * np.full(len(phase), degrees(5.0)))
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +194,7 @@ def _pitched(v: Floats, pitch: Floats) -> Floats:
 
 def _roll(skeleton: Skeleton, leg: Leg, floor: float) -> _Roll:
     c = skeleton.centers
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
+    joint = leg.pivot
     height = float(joint[1] - floor)
     flat = lambda p: np.array([p[2] - joint[2], p[1] - joint[1]])  # noqa: E731
     return _Roll(leg, flat(c[leg.ankle]), flat(leg.heel), flat(leg.tip), height)
@@ -270,22 +229,21 @@ def _walk_legs(
     way, height = way / weight, np.min(heights, axis=0)  # with both feet down, the shorter leg decides
     start = way.mean()  # of the hips over the toe joint at heel strike
     move = np.zeros((len(phase), 3))
-    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * _wave(phase, 1, 0.31)
+    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * wave(phase, 1, 0.31)
     move[:, 1] = _even(height, phase)
     move[:, 2] = 0.7 * (_even(way, phase) - start)
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
-    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    feet = [
+        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
+        for leg, own, roll in steps
+    ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
-        middle_, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
-        for joint, bone, line in (
-            (leg.hip, c[leg.knee] - c[leg.hip], middle_ - hip),
-            (leg.knee, c[leg.ankle] - c[leg.knee], ankle - middle_),
-        ):
-            world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
+        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
+        aim_leg(skeleton, leg, world, hip, knee, ankle, ahead)
         world[:, leg.ankle] = foot
         for j in below(skeleton, leg.ankle):
             parent = world[:, skeleton.parents[j]]
@@ -362,7 +320,9 @@ def _foot_way(
         axis=-1,
     )
     order = np.argsort(own)
-    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
+    loop = CubicSpline(
+        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
+    )
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0
@@ -385,9 +345,8 @@ def _foot_way(
     tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
     foot = compose(yaw, pitch, -sign * tuck)
     half = 0.048 * leg.length / 0.85
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
     # turned out about the toe joint: the ankle stands a little further in, and back by its own lateral offset
-    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - joint[0], 0.0, 0.0]))
+    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - leg.pivot[0], 0.0, 0.0]))
     track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
     forth = rotate(about(Y, yaw), Z)
     # what the foot does about its place on the floor goes along its own line, its flight along the way
@@ -423,3 +382,5 @@ def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list)
         reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
+
+
