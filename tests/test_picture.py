@@ -17,8 +17,9 @@ from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.show.camera import Camera, direction, fit
 from vitruvian.show.figure import Figure, pose
 from vitruvian.show.picture import aim, picture
-from vitruvian.show.render import Surface, render, softened, vertex_normals
+from vitruvian.show.render import render
 from vitruvian.show.shade import Studio, filmic, kind_of, to_linear, to_srgb
+from vitruvian.show.surfaces import Surface, softened, vertex_normals
 from vitruvian.show.trace import cosine, disc, tracer
 from vitruvian.stage.clip import Clip, Mesh
 

@@ -57,7 +57,9 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
     floor = floor_at_rest(skeleton)
     found = []
     size = float(np.ptp(skeleton.centers[:, 1]))
-    sites = {name.removesuffix("_pt").removesuffix("_tip"): p for name, p in zip(skeleton.site_names, skeleton.site_points)}
+    sites = {
+        name.removesuffix("_pt").removesuffix("_tip"): p for name, p in zip(skeleton.site_names, skeleton.site_points)
+    }
     for side in "lr":
         chain = [index.get(f"{side}_{part}") for part in ("hip", "knee", "talocrural")]
         if None in chain:

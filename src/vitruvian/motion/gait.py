@@ -273,7 +273,10 @@ def _walk_legs(
     move[:, 2] = 0.7 * (_even(way, phase) - start)
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
-    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    feet = [
+        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
+        for leg, own, roll in steps
+    ]
     move[:, 1] -= _too_far(limbs, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
@@ -360,7 +363,9 @@ def _foot_way(
         axis=-1,
     )
     order = np.argsort(own)
-    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
+    loop = CubicSpline(
+        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
+    )
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0

@@ -97,7 +97,9 @@ def hanim_name(name: str) -> str | None:
     side, _, part = name.partition("_")
     if side in ("l", "r") and part:
         part = _OLD.get(part, part)
-        if part in _SIDED or re.fullmatch(r"[a-z_]*(tarsal|carpal|phalangeal|crural|cuboid|navicular)[a-z_]*(\d(_5)?)?", part):
+        if part in _SIDED or re.fullmatch(
+            r"[a-z_]*(tarsal|carpal|phalangeal|crural|cuboid|navicular)[a-z_]*(\d(_5)?)?", part
+        ):
             return f"{side}_{part}"
     return None
 
@@ -118,7 +120,9 @@ def split_name(name: str) -> tuple[str, str]:
     word = "".join(tokens).lower()
     if not side:
         # one letter stuck to the front or spelt together: LThumb, lhand, LHipJoint, leftarm
-        stuck = re.match(r"(left|right)(?=.)", word) or re.match(r"[LR](?=[A-Z])", bare) or re.match(r"[lr](?=hand$)", bare)
+        stuck = (
+            re.match(r"(left|right)(?=.)", word) or re.match(r"[LR](?=[A-Z])", bare) or re.match(r"[lr](?=hand$)", bare)
+        )
         if stuck:
             side = stuck[0][0].lower()
             word = word[len(stuck[0]) :]

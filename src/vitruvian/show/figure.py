@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Body, Part, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
-from vitruvian.show.render import Surface
+from vitruvian.show.surfaces import Surface
 from vitruvian.stage.clip import Clip, Mesh
 
 if TYPE_CHECKING:

@@ -13,8 +13,9 @@ from vitruvian.formats.atomic import atomic
 from vitruvian.show.camera import Camera, _tuple
 from vitruvian.show.figure import Figure, Thing
 from vitruvian.show.picture import aim, floor_of
-from vitruvian.show.render import Pixels, Surface, render, whole
+from vitruvian.show.render import Pixels, render, whole
 from vitruvian.show.shade import Studio
+from vitruvian.show.surfaces import Surface
 
 
 def film(
