@@ -17,7 +17,8 @@ def shadow(
 ) -> Single:  # fmt: skip
     """How much light is left on the floor at each pixel, (height * width,) in 0..1: contact and key shadow.
 
-    Traced on a grid round the subject and read between its cells. level: height of the floor; reach: the subject's size.
+    Traced on a grid round the subject and read between its cells. level: the height of the floor; reach:
+    size of the subject.
     """
     width, height = size
     dark = np.ones(height * width, np.float32)

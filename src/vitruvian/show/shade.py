@@ -65,8 +65,8 @@ class Studio:
     kicker: Light = field(default_factory=lambda: Light(-140.0, 22.0, (0.75, 0.8, 0.9), 0.3))
     sky: tuple[float, float, float] = (0.50, 0.53, 0.58)
     earth: tuple[float, float, float] = (0.30, 0.28, 0.26)
-    center: tuple[float, float, float] = (0.86, 0.865, 0.872)
-    edge: tuple[float, float, float] = (0.60, 0.615, 0.635)
+    center: tuple[float, float, float] = (0.925, 0.92, 0.912)
+    edge: tuple[float, float, float] = (0.70, 0.695, 0.69)
     floor: tuple[float, float, float] = (0.80, 0.80, 0.80)
     exposure: float = 0.72
 
