@@ -5,7 +5,7 @@ Source: note motion.md, 4.7 (thresholds and hysteresis).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,9 @@ FLAT = np.array([1.0, 0.0, 1.0])
 class Leg:
     """One leg of a skeleton: joint indices, bone lengths (m) and the sole at rest.
 
-    `toes` are the joints at the ball of the foot (none: the foot is one piece). `heel`, `ball`, `tip` (3,) are points of
-    the sole in humanoid space at rest, all on the floor.
+    `toes` are the joints at the ball of the foot (none: the foot is one piece), `front` the one the foot rolls over (else
+    the ankle) and `pivot` (3,) its centre. `heel`, `ball`, `tip` (3,) are points of the sole, all on the floor; heel moves
+    with the ankle, ball and tip with `front`. Points are in humanoid space at rest.
     """
 
     side: str
@@ -32,6 +33,8 @@ class Leg:
     knee: int
     ankle: int
     toes: tuple[int, ...]
+    front: int
+    pivot: Floats
     heel: Floats
     ball: Floats
     tip: Floats
@@ -75,8 +78,10 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.01]
         points = [np.array([p[0], floor, p[2]]) for p in (heel, ball, tip)]
         points[0][0] = c[ankle][0]
+        front = ankle if middle is None else int(middle)
+        pivot = points[1] if middle is None else c[front]
         lengths = np.linalg.norm(c[knee] - c[hip]), np.linalg.norm(c[ankle] - c[knee])
-        found.append(Leg(side, hip, knee, ankle, toes, *points, *(float(v) for v in lengths)))
+        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, *points, *(float(v) for v in lengths)))
     return tuple(found if body is None else (_on_skin(leg, body) for leg in found))
 
 
@@ -104,7 +109,7 @@ def _on_skin(leg: Leg, body: Body) -> Leg:
         return leg
     heel, tip = leg.heel.copy(), leg.tip.copy()
     heel[2], tip[2] = sole[:, 2].min() + 0.01, sole[:, 2].max() - 0.01
-    return Leg(leg.side, leg.hip, leg.knee, leg.ankle, leg.toes, heel, leg.ball, tip, leg.thigh, leg.shank)
+    return replace(leg, heel=heel, tip=tip)
 
 
 def standing(
@@ -159,8 +164,7 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
     place = positions(skeleton.parents, skeleton.centers, world, motion.translation, motion.joint_translation)
     out = []
     for leg in legs(skeleton, body):
-        front = leg.toes[len(leg.toes) // 2 if len(leg.toes) < 5 else 1] if leg.toes else leg.ankle
-        for joint, point in ((leg.ankle, leg.heel), (leg.ankle, leg.ball), (front, leg.tip)):
+        for joint, point in ((leg.ankle, leg.heel), (leg.front, leg.ball), (leg.front, leg.tip)):
             out.append(place[:, joint] + rotate(world[:, joint], point - skeleton.centers[joint]))
     if not out:
         return np.zeros((len(motion), 0, 3))
@@ -168,15 +172,20 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
 
 
 def foot_slide_mm(motion: Motion, body: Body | None = None, *, touch: float = 0.005) -> float:
-    """How far (mm per frame, largest) a point of a sole moves along the floor while it is within `touch` (m) of it.
+    """How far (mm per frame, largest) a point of a sole moves along the floor while it stands.
 
-    Heel, ball and toe tip count. What hovers higher may move, whatever is on the floor may not.
+    Heel, ball and toe tip count, each when it stays within `touch` (m) of the floor for a tenth of a second or longer; the
+    first and last thirtieth of a second, when it is put down and taken up, do not.
     """
     points = sole_points(motion, body)
-    low = points[..., 1] < touch
-    both = low[1:] & low[:-1]
     step = np.linalg.norm(np.diff(points, axis=0)[..., [0, 2]], axis=-1)
-    return float(1000 * np.where(both, step, 0.0).max(initial=0.0))
+    edge = max(1, int(round(motion.fps / 30)))
+    worst = 0.0
+    for k in range(points.shape[1]):
+        for start, stop in runs(points[:, k, 1] < touch):
+            if stop - start >= 0.1 * motion.fps:
+                worst = max(worst, float(step[start + edge : stop - 1 - edge, k].max(initial=0.0)))
+    return 1000 * worst
 
 
 def floor_penetration_mm(motion: Motion, body: Body | None = None) -> float:

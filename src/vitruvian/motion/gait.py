@@ -22,7 +22,7 @@ from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
 from vitruvian.motion.hands import relaxed
-from vitruvian.motion.legs import REACH, compose, smooth, two_bone
+from vitruvian.motion.legs import compose, smooth, two_bone
 from vitruvian.motion.names import VERTEBRAE, joint_index
 from vitruvian.motion.turns import about, frame, local_rotations, positions, unit, world_rotations
 from vitruvian.motion.types import Motion
@@ -37,6 +37,7 @@ KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 
         69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
 FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
         70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+STRAIGHT = 0.9992  # of the leg's length: knees keep some four degrees
 TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -234,7 +235,7 @@ def _pitched(v: Floats, pitch: Floats) -> Floats:
 
 def _roll(skeleton: Skeleton, leg: Leg, floor: float) -> _Roll:
     c = skeleton.centers
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
+    joint = leg.pivot
     height = float(joint[1] - floor)
     flat = lambda p: np.array([p[2] - joint[2], p[1] - joint[1]])  # noqa: E731
     return _Roll(leg, flat(c[leg.ankle]), flat(leg.heel), flat(leg.tip), height)
@@ -257,15 +258,16 @@ def _walk_legs(
     for leg in limbs:
         own = (phase if leg.side == "l" else phase - 0.5) % 1.0
         steps.append((leg, own, _roll(skeleton, leg, floor)))
-    way, height, weight = np.zeros(len(phase)), np.zeros(len(phase)), np.zeros(len(phase))
+    way, weight = np.zeros(len(phase)), np.zeros(len(phase))
+    heights = []
     for leg, own, roll in steps:
         z, y = _hip_over_foot(roll, own, pace, swing)
         z -= pace.stride * own
         load = np.where(own < pace.stance, np.sin(np.pi * np.clip(own / pace.stance, 0.0, 1.0)) ** 2, 0.0)
         way += load * (z - (offset[:, leg.hip, 2] - offset[:, leg.hip, 2].mean()))
-        height += load * (y + floor - offset[:, leg.hip, 1])
         weight += load
-    way, height = way / weight, height / weight
+        heights.append(np.where(own < pace.stance, y + floor - offset[:, leg.hip, 1], np.inf))
+    way, height = way / weight, np.min(heights, axis=0)  # with both feet down, the shorter leg decides
     start = way.mean()  # of the hips over the toe joint at heel strike
     move = np.zeros((len(phase), 3))
     move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * _wave(phase, 1, 0.31)
@@ -273,25 +275,28 @@ def _walk_legs(
     move[:, 2] = 0.7 * (_even(way, phase) - start)
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
-    feet = [
-        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
-        for leg, own, roll in steps
-    ]
-    move[:, 1] -= _too_far(limbs, offset, move, feet)
+    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
-        middle_, _ = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank)
-        for joint, bone, line in (
-            (leg.hip, c[leg.knee] - c[leg.hip], middle_ - hip),
-            (leg.knee, c[leg.ankle] - c[leg.knee], ankle - middle_),
-        ):
-            world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
+        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
+        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
         world[:, leg.ankle] = foot
         for j in below(skeleton, leg.ankle):
             parent = world[:, skeleton.parents[j]]
             world[:, j] = multiply(parent, about(X, -bend)) if j in leg.toes else parent
     return world, move
+
+
+def _aim(skeleton: Skeleton, leg: Leg, world: Floats, hip: Floats, knee: Floats, ankle: Floats, ahead: Floats) -> None:
+    """World rotations (in place) that lay thigh and shank along hip, knee and ankle (F,3), kneecaps towards `ahead`."""
+    c = skeleton.centers
+    for joint, bone, line in (
+        (leg.hip, c[leg.knee] - c[leg.hip], knee - hip),
+        (leg.knee, c[leg.ankle] - c[leg.knee], ankle - knee),
+    ):
+        world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
 
 
 def _legs_at(own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats, Floats]:
@@ -363,9 +368,7 @@ def _foot_way(
         axis=-1,
     )
     order = np.argsort(own)
-    loop = CubicSpline(
-        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
-    )
+    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0
@@ -380,24 +383,24 @@ def _foot_way(
     bridge = bridge + (3 * s**2 - 2 * s**3) * miss[2] + (s**3 - s**2) * slopes[1]
     ankle = np.where(stands[:, None], ankle, air + bridge)
     fly = s[:, 0]
-    last = float(_legs_at(np.array([pace.stance]), pace, swing)[2][0])
-    first = float(_legs_at(np.array([0.0]), pace, swing)[2][0])
-    off = np.clip(-last, 0.0, TOES_BEND)
-    airy = off * (1 - smooth(fly / 0.4)) + 0.4 * first * smooth((fly - 0.5) / 0.5)
+    off = np.clip(-turned[1], 0.0, TOES_BEND)
+    airy = off * (1 - smooth(fly / 0.4)) + 0.4 * turned[2] * smooth((fly - 0.5) / 0.5)
     bend = np.where(stands, np.where(pitch > 0, 0.4 * pitch, bend), airy)
     ankle[:, 1] += _clearance(roll, ankle, pitch, bend, fly)
     yaw = np.full(len(own), sign * np.radians(6.0))
     tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
     foot = compose(yaw, pitch, -sign * tuck)
     half = 0.048 * leg.length / 0.85
-    joint = c[leg.toes[1] if len(leg.toes) == 5 else leg.toes[0]] if leg.toes else leg.ball
     # turned out about the toe joint: the ankle stands a little further in, and back by its own lateral offset
-    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - joint[0], 0.0, 0.0]))
+    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - leg.pivot[0], 0.0, 0.0]))
     track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
     forth = rotate(about(Y, yaw), Z)
-    along = ankle[:, :1] + start + pace.stride * own[:, None]  # from the toe joint's place, within the foot's own line
-    out = np.zeros((len(own), 3))
-    out += forth * along + side
+    # what the foot does about its place on the floor goes along its own line, its flight along the way
+    along = ankle[:, :1] + start + pace.stride * own[:, None]
+    first, last = edge[2, 0] + start, edge[1, 0] + start + pace.stride * pace.stance
+    about_place = np.where(stands[:, None], along, last + (first - last) * smooth(s))
+    out = forth * about_place + side
+    out[:, 2] += (along - about_place)[:, 0]
     out[:, 0] += track
     out[:, 2] -= start + pace.stride * own
     out[:, 1] = ankle[:, 1] + floor
@@ -416,11 +419,137 @@ def _clearance(roll: _Roll, ankle: Floats, pitch: Floats, bend: Floats, fly: Flo
     return shape * max(0.0, float(need.max(initial=0.0)))
 
 
-def _too_far(limbs: tuple[Leg, ...], offset: Floats, move: Floats, feet: list) -> float:
-    """How much (m) the hips have to sink so that both legs always reach their feet."""
+def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list) -> float:
+    """How much (m) the hips have to sink so that both legs reach their feet whenever those stand."""
     sink = 0.0
-    for leg, (ankle, _, _) in zip(limbs, feet):
-        way = offset[:, leg.hip] + move - ankle
-        reach = np.sqrt(np.maximum((0.9985 * REACH * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
+    for (leg, own, _), (ankle, _, _) in zip(steps, feet):
+        stands = own < pace.stance
+        way = (offset[:, leg.hip] + move - ankle)[stands]
+        reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
+
+
+def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequence[str] = ()) -> Motion:
+    """A person standing at ease: weight from leg to leg, breath, small looks around; never still, loops without a seam.
+
+    seconds: length of the loop (at least 4). blink: names of displacers that close the eyes; they get weights that close
+    them now and then for about 0.15 s. Feet stay planted on the floor where they are at rest.
+    """
+    if not seconds >= 4:
+        raise VitruvianError(f"seconds: expected at least 4 for one breath, found {seconds}")
+    if not fps >= 10:
+        raise VitruvianError(f"fps: expected at least 10 frames per second, found {fps}")
+    limbs, index = legs(skeleton), joint_index(skeleton.names)
+    if "humanoid_root" not in index:
+        raise VitruvianError("skeleton: expected a joint humanoid_root to stand")
+    frames = int(round(seconds * fps))
+    phase = np.arange(frames) / frames
+    wave = lambda n, peak=0.0: _wave(phase, n, peak)  # noqa: E731
+    degrees = np.radians
+    breaths = max(1, int(round(seconds / 4.0)))
+    breath = wave(breaths) + 0.18 * wave(2 * breaths, 0.02)
+    weight = 0.85 * wave(1, 0.2) + 0.22 * wave(2, 0.35) + 0.07 * wave(3, 0.1)  # 1: on the left leg
+    restless = 0.5 * wave(3, 0.15) + 0.35 * wave(5, 0.62)
+    pelvis = multiply(about(Z, degrees(1.8) * weight), about(Y, degrees(1.6) * wave(1, 0.32)))
+    pelvis = multiply(pelvis, about(X, degrees(0.5) * restless))
+    chest = multiply(about(Z, -degrees(1.0) * weight), about(Y, degrees(1.0) * wave(2, 0.5)))
+    chest = multiply(chest, about(X, degrees(1.0) - degrees(0.9) * breath + degrees(0.4) * restless))
+    look = degrees(4.5) * (wave(1, 0.62) + 0.45 * wave(2, 0.2)) + degrees(0.8) * restless
+    nod = degrees(0.5) + degrees(1.1) * wave(2, 0.8) + degrees(0.5) * wave(3, 0.4) + degrees(0.3) * breath
+    head = multiply(multiply(about(Y, look), about(X, nod)), about(Z, degrees(1.2) * wave(1, 0.45)))
+    local = np.zeros((frames, len(skeleton), 4))
+    local[..., 3] = 1.0
+    local[:, index["humanoid_root"]] = pelvis
+    _spine(skeleton, index, local, pelvis, chest, head)
+    for side, sign, late in (("l", 1.0, 0.0), ("r", -1.0, 0.07)):
+        _hanging_arm(skeleton, index, local, side, sign, breath, _wave(phase, 1, 0.4 + late) + 0.5 * _wave(phase, 3, late))
+    for name, turn in relaxed(skeleton).items():
+        ease_ = 1.0 + 0.12 * _wave(phase, 2, 0.3 if name.startswith("l") else 0.55)
+        local[:, index[name]] = about(to_axis(turn), 2 * np.arccos(np.clip(turn[3], -1, 1)) * ease_)
+    world = world_rotations(skeleton.parents, local)
+    move = np.zeros((frames, 3))
+    if len(limbs) == 2:
+        world, move = _stand(skeleton, limbs, world, weight, breath, phase)
+    return Motion(
+        skeleton,
+        fps,
+        local_rotations(skeleton.parents, world),
+        move,
+        weights={name: _blinks(frames, fps) for name in blink},
+        loop=True,
+        name="idle",
+    )
+
+
+def to_axis(q: Floats) -> Floats:
+    """Unit axis (3,) of a rotation that turns."""
+    return unit(q[..., :3])
+
+
+def _hanging_arm(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, breath: Floats, drift: Floats
+) -> None:
+    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
+    if shoulder is None or elbow is None or wrist is None:
+        return
+    degrees, c = np.radians, skeleton.centers
+    if f"{side}_sternoclavicular" in index:
+        local[:, index[f"{side}_sternoclavicular"]] = about(Z, sign * degrees(0.9) * breath)
+    upper, fore = unit(c[elbow] - c[shoulder]), unit(c[wrist] - c[elbow])
+    spread, front = np.arctan2(sign * upper[0], -upper[1]), np.arctan2(upper[2], -upper[1])
+    hang = degrees(7.5) + degrees(0.5) * breath + degrees(0.5) * drift
+    forward = degrees(-1.0) + degrees(0.9) * drift
+    local[:, shoulder] = multiply(
+        multiply(about(X, -(forward - front)), about(Z, sign * (hang - spread))), about(Y, -sign * degrees(10.0) + 0 * hang)
+    )
+    straight = np.arctan2(fore[2], -fore[1]) - front
+    bend = degrees(13.0) + degrees(1.2) * drift
+    local[:, elbow] = multiply(about(X, -(bend - straight)), about(Y, -sign * degrees(14.0) + 0 * bend))
+    local[:, wrist] = about(Z, -sign * degrees(5.0) + 0 * bend)
+
+
+def _stand(
+    skeleton: Skeleton, limbs: tuple[Leg, ...], world: Floats, weight: Floats, breath: Floats, phase: Floats
+) -> tuple[Floats, Floats]:
+    """Both feet stay where they are at rest; the hips go over the loaded leg, whose knee is straighter."""
+    c = skeleton.centers
+    offset = positions(skeleton.parents, c, world, np.zeros((len(phase), 3)))
+    length = float(np.mean([leg.length for leg in limbs]))
+    move = np.zeros((len(phase), 3))
+    move[:, 0] = 0.022 * length / 0.9 * weight
+    move[:, 2] = 0.004 * length / 0.9 * (_wave(phase, 2, 0.1) + 0.6 * _wave(phase, 3, 0.7))
+    need = 0.0
+    ankles = []
+    for leg in limbs:
+        goal = c[leg.ankle]
+        hip = offset[:, leg.hip] + move
+        way = hip - goal
+        reach = np.sqrt((0.9985 * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2)
+        need = max(need, float((way[:, 1] - reach).max()))
+        ankles.append(goal)
+    move[:, 1] -= need + 0.0008 * (1 + breath)
+    world = world.copy()
+    for leg, goal in zip(limbs, ankles):
+        hip = offset[:, leg.hip] + move
+        ankle = np.broadcast_to(goal, hip.shape)
+        sign = 1.0 if leg.side == "l" else -1.0
+        ahead = np.broadcast_to(rotate(about(Y, sign * np.radians(5.0)), Z), hip.shape)
+        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
+        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
+        world[:, leg.ankle] = [0.0, 0.0, 0.0, 1.0]
+        for j in below(skeleton, leg.ankle):
+            world[:, j] = world[:, skeleton.parents[j]]
+    return world, move
+
+
+def _blinks(frames: int, fps: float) -> Floats:
+    """Weights (F,) that close the eyes about every three seconds, unevenly, each for about 0.15 s."""
+    out = np.zeros(frames)
+    at, gaps, k = 1.3, (3.1, 2.3, 3.9, 0.6, 3.4), 0
+    while at < frames / fps - 0.3:
+        t = np.arange(frames) / fps - at
+        out = np.maximum(out, np.where(t < 0, smooth(1 + t / 0.07), smooth(1 - (t - 0.03) / 0.11)))
+        at += gaps[k % len(gaps)]
+        k += 1
+    return out

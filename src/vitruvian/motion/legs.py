@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
+from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.motion.contacts import Leg, floor_at_rest, runs
 from vitruvian.motion.turns import about, positions, unit
@@ -29,15 +29,17 @@ class Foothold:
     ball: NDArray[np.bool_]
 
 
-def two_bone(root: Floats, goal: Floats, pole: Floats, upper: float, lower: float) -> tuple[Floats, Floats]:
+def two_bone(
+    root: Floats, goal: Floats, pole: Floats, upper: float, lower: float, straight: float = REACH
+) -> tuple[Floats, Floats]:
     """Middle joint and end (...,3) of a chain of two bones from `root` to `goal`, bent towards `pole` (...,3).
 
-    A goal out of reach is approached to `REACH` of the straight chain, one too near to the shortest fold.
+    A goal out of reach is approached to `straight` of the whole length, one too near to the shortest fold.
     """
     way = goal - root
     far = np.linalg.norm(way, axis=-1, keepdims=True)
     along = np.where(far > 1e-9, way / np.maximum(far, 1e-9), -UP)
-    reach = np.clip(far, abs(upper - lower) + 1e-6, REACH * (upper + lower))
+    reach = np.clip(far, abs(upper - lower) + 1e-6, straight * (upper + lower))
     side = pole - root
     normal = unit(side - along * np.sum(side * along, axis=-1, keepdims=True))
     a = (upper**2 - lower**2 + reach**2) / (2 * reach)
@@ -118,7 +120,8 @@ def plant(
     goals = {leg.side: _steps(skeleton, leg, world, place, holds[leg.side], floor, fps, blend) for leg in limbs}
     sink = np.zeros(len(move))
     for leg in limbs:
-        goal, _, stands = goals[leg.side]
+        goal, _, hold = goals[leg.side]
+        stands = hold.heel | hold.ball
         way = place[:, leg.hip] - goal
         flat = np.hypot(way[:, 0], way[:, 2])
         reach = np.sqrt(np.maximum((0.999 * REACH * leg.length) ** 2 - flat**2, 0.0))
@@ -127,11 +130,11 @@ def plant(
     move[:, 1] -= sink
     place[..., 1] -= sink[:, None]
     for leg in limbs:
-        goal, foot, _ = goals[leg.side]
+        goal, foot, hold = goals[leg.side]
         before = world.copy()
         bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot)
         _carry(skeleton, leg.ankle, before, world)
-        stands = ease(holds[leg.side].ball, blend * fps)
+        stands = ease(hold.ball, blend * fps)
         _flatten_toes(skeleton, leg, world, stands)
     return world, move
 
@@ -158,52 +161,92 @@ def _flatten_toes(skeleton: Skeleton, leg: Leg, world: Floats, stands: Floats) -
 
 def _steps(
     skeleton: Skeleton, leg: Leg, world: Floats, place: Floats, hold: Foothold, floor: float, fps: float, blend: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when it stands (F,)."""
+) -> tuple[Floats, Floats, Foothold]:
+    """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when heel and ball stand after all."""
     c = skeleton.centers
+    ankle = place[:, leg.ankle]
+    raw = ankle + rotate(world[:, leg.ankle], leg.pivot - c[leg.ankle])
+    hold = _split(hold, raw, fps)
     yaw, pitch, roll = heading(world[:, leg.ankle])
     on_heel, on_ball = ease(hold.heel, blend * fps), ease(hold.ball, blend * fps)
     pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
+    # who turns on one end of the foot keeps the other a little off the floor
+    pitch = pitch + np.radians(3.0) * (on_heel * (1 - on_ball) - on_ball * (1 - on_heel))
     roll = roll * (1 - np.maximum(on_heel, on_ball))
-    foot = compose(yaw, pitch, roll)
-    ankle = place[:, leg.ankle]
-    heel, ball, tip = (ankle + rotate(foot, p - c[leg.ankle]) for p in (leg.heel, leg.ball, leg.tip))
+    foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, roll)
+    heel = ankle + rotate(foot, leg.heel - c[leg.ankle])
+    ball = ankle + rotate(foot, leg.pivot - c[leg.ankle])
     stands = hold.heel | hold.ball
     delta = np.zeros_like(ankle)
     for start, stop in runs(stands):
-        _hold(delta, start, stop, hold, heel, ball, floor)
-    goal = ankle + _bridge(delta, stands, fps)
-    lowest = np.minimum(np.minimum(heel, ball), tip)[:, 1] + goal[:, 1] - ankle[:, 1]
-    under = np.maximum(floor - lowest, 0.0)
-    # the toes give way while the ball stands, so only heel and ball count there
-    stiff = np.minimum(heel, ball)[:, 1] + goal[:, 1] - ankle[:, 1]
-    under = np.where(hold.ball, np.maximum(floor - stiff, 0.0), under)
-    goal[:, 1] += under
-    return goal, foot, stands
+        _hold(delta, start, stop, hold, heel, ball, floor, float(leg.pivot[1]))
+    goal = ankle + _bridge(delta, stands)
+    # the rest of the sole: toes as they are bent, until they lie flat
+    toes = multiply(foot, multiply(inverse(world[:, leg.ankle]), world[:, leg.front]))
+    toes = slerp(toes, about(UP, heading(foot)[0]), on_ball)
+    ground = [heel[:, 1], *((ball + rotate(toes, p - leg.pivot))[:, 1] for p in (leg.ball, leg.tip))]
+    lowest = np.min(ground, axis=0) + goal[:, 1] - ankle[:, 1]
+    away = 1.0 - ease(stands, 0.07 * fps)  # swinging feet pass a little over the floor
+    goal[:, 1] += np.maximum(floor + 0.015 * away - lowest, 0.0)
+    return goal, foot, hold
 
 
-def _hold(delta: Floats, start: int, stop: int, hold: Foothold, heel: Floats, ball: Floats, floor: float) -> None:
-    """Corrections (in place) that keep one contact, frames start..stop, on one spot: the ball's, else the heel's."""
+def _split(hold: Foothold, ball: Floats, fps: float, *, drift: float = 0.05, pause: float = 0.1) -> Foothold:
+    """Contacts in which the foot (path (F,3)) goes farther than `drift` (m) are cut where it is fastest: a slow step."""
+    heel, front = hold.heel.copy(), hold.ball.copy()
+    pace = np.linalg.norm(np.gradient(ball, axis=0), axis=1) * fps if len(ball) > 1 else np.zeros(len(ball))
+    half = max(1, int(round(0.5 * pause * fps)))
+    stack = runs(heel | front)
+    while stack:
+        start, stop = stack.pop()
+        part = ball[start:stop]
+        if stop - start < 6 * half or np.linalg.norm(part - np.median(part, axis=0), axis=1).max() < drift:
+            continue
+        cut = start + 2 * half + int(np.argmax(pace[start + 2 * half : stop - 2 * half]))
+        heel[cut - half : cut + half] = front[cut - half : cut + half] = False
+        stack += [(start, cut - half), (cut + half, stop)]
+    return Foothold(heel, front)
+
+
+def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(15.0)) -> Floats:
+    """Flat feet do not turn: up to `limit` of turning is taken off; what turns more really turns."""
+    change = np.zeros((len(yaw), 1))
+    for start, stop in runs(flat):
+        change[start:stop, 0] = np.clip(np.median(yaw[start:stop]) - yaw[start:stop], -limit, limit)
+    return yaw + _bridge(change, flat)[:, 0]
+
+
+def _hold(
+    delta: Floats, start: int, stop: int, hold: Foothold, heel: Floats, ball: Floats, floor: float, high: float
+) -> None:
+    """Corrections (in place) that keep one contact, frames start..stop, on one spot: the ball's, else the heel's.
+
+    `high` is the height of the toe joint when the foot stands.
+    """
     part = slice(start, stop)
     on_ball = hold.ball[part]
-    if on_ball.any():
-        spot = np.median(ball[part][on_ball], axis=0)
-        delta[part][on_ball] = spot - ball[part][on_ball]
-        delta[part][on_ball, 1] = floor - ball[part][on_ball, 1]
-        for first, last in runs(~on_ball):
-            # heel alone, before or after the ball: the heel stays where the flat foot had it
-            edge = last if last < stop - start else first - 1
-            spot = heel[start + edge] + delta[start + edge]
-            rows = slice(start + first, start + last)
-            delta[rows] = spot - heel[rows]
-            delta[rows, 1] = floor - heel[rows, 1]
-    else:
-        spot = np.median(heel[part], axis=0)
-        delta[part] = spot - heel[part]
+    if not on_ball.any():
+        delta[part] = np.median(heel[part], axis=0) - heel[part]
         delta[part, 1] = floor - heel[part, 1]
+        return
+    # runs of one kind, outwards from the longest on the ball: each takes over where its neighbour has put the foot
+    pieces = sorted([(a, b, True) for a, b in runs(on_ball)] + [(a, b, False) for a, b in runs(~on_ball)])
+    first = max((k for k, piece in enumerate(pieces) if piece[2]), key=lambda k: pieces[k][1] - pieces[k][0])
+    a, b, _ = pieces[first]
+    spot = np.median(ball[start + a : start + b], axis=0)
+    for k in [first, *range(first + 1, len(pieces)), *range(first - 1, -1, -1)]:
+        a, b, front = pieces[k]
+        path, rise = (ball, high) if front else (heel, floor)
+        rows = np.arange(start + a, start + b)
+        if k != first:
+            # the frame of the neighbour that is already put down
+            edge = start + (a - 1 if k > first else b)
+            spot = path[edge] + delta[edge]
+        delta[rows] = spot - path[rows]
+        delta[rows, 1] = rise - path[rows, 1]
 
 
-def _bridge(delta: Floats, stands: NDArray[np.bool_], fps: float) -> Floats:
+def _bridge(delta: Floats, stands: NDArray[np.bool_]) -> Floats:
     """Corrections of the frames between contacts: a smooth way from the last to the next."""
     found = runs(stands)
     if not found:
@@ -226,10 +269,3 @@ def _over(value: Floats, fps: float) -> Floats:
     top = window(np.pad(value, width, mode="edge"), 2 * width + 1).max(axis=-1)
     kernel = np.hanning(2 * width + 3)[1:-1]
     return np.convolve(np.pad(top, width, mode="edge"), kernel / kernel.sum(), mode="valid")
-
-
-def frame_of(x: Floats, y: Floats) -> Floats:
-    """Quaternion of the frame whose X axis is along x and whose Y axis is near y."""
-    x = unit(x)
-    z = unit(np.cross(x, y))
-    return from_matrix(np.stack([x, np.cross(z, x), z], axis=-1))

@@ -16,7 +16,7 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import floor_at_rest, legs, runs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, runs, standing
 from vitruvian.motion.legs import Foothold, plant
 from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
@@ -143,9 +143,7 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     skeleton = motion.skeleton
     unknown = set(names or {}) - set(skeleton.names)
     if unknown:
-        raise VitruvianError(
-            f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
-        )
+        raise VitruvianError(f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ...")
     roles = match(skeleton.names, dict(names or {}))
     twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
     if twice:
@@ -154,11 +152,16 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     trunk = tuple(skeleton.index[n] for n, h in roles.items() if h in (SPINE, NECK))
     if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
         some = ", ".join(skeleton.names[:6])
-        raise VitruvianError(
-            f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}"
-        )
-    world = world_rotations(skeleton.parents, motion.rotation)
-    place = positions(skeleton.parents, skeleton.centers, world, motion.translation, motion.joint_translation)
+        raise VitruvianError(f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}")
+    rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
+    notes = []
+    if _odd_start(motion):
+        # CMU's conversions begin with a row of zeros
+        keep = np.r_[1, 1 : len(motion)]
+        rotation, move, shift = rotation[keep], move[keep], None if shift is None else shift[keep]
+        notes.append("frame 0 has nothing to do with frame 1 (an inserted pose): frame 1 is shown instead")
+    world = world_rotations(skeleton.parents, rotation)
+    place = positions(skeleton.parents, skeleton.centers, world, move, shift)
     rest = skeleton.centers
     if rest_frame is not None:
         if not -len(motion) <= rest_frame < len(motion):
@@ -166,8 +169,21 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
         rest = place[rest_frame]
         world = multiply(world, inverse(world[rest_frame]))
     lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
-    notes = [f"not matched, carried by their neighbours: {', '.join(lost)}"] if lost else []
+    if lost:
+        notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
     return _Source(skeleton, index, trunk, rest, world, place), notes
+
+
+def _odd_start(motion: Motion) -> bool:
+    """Whether the first frame is far from the second while the next ones follow each other closely."""
+    if len(motion) < 4:
+        return False
+    some = min(len(motion), 12)
+    dots = np.abs(np.sum(motion.rotation[1:some] * motion.rotation[: some - 1], axis=-1))
+    turns = 2 * np.arccos(np.clip(dots, -1.0, 1.0)).max(axis=1)
+    moves = np.linalg.norm(np.diff(motion.translation[:some], axis=0), axis=1)
+    far = turns[0] > max(np.radians(10), 8 * turns[1:].max()) or moves[0] > max(0.1, 8 * moves[1:].max())
+    return bool(far)
 
 
 def _facing(source: _Source) -> Floats:
@@ -251,11 +267,7 @@ def _align_fingers(
     source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
 ) -> None:
     for k in range(1, 6):
-        middle = (
-            ("carpal_interphalangeal_1",)
-            if k == 1
-            else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
-        )
+        middle = ("carpal_interphalangeal_1",) if k == 1 else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
         chain = [f"{side}_{n}" for n in (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", *middle)]
         chain = [n for n in chain if n in align]
         for near, far in zip(chain, chain[1:]):
@@ -406,9 +418,7 @@ def _root(
             ratios.append(own / max(his, 1e-9))
     scale = float(np.mean(ratios)) if ratios else 1.0
     hips = [n for n in ("l_hip", "r_hip") if n in index and n in target]
-    his = (
-        np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
-    )
+    his = np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
     rest = np.mean([source.rest[index[n]] for n in hips], axis=0) if hips else source.rest[index["humanoid_root"]]
     zero = np.zeros((len(world), 3))
     place = positions(skeleton.parents, c, world, zero)
@@ -430,10 +440,17 @@ def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
         return Foothold(none, none)
     heel = standing(source.place[:, ankle] * scale, fps)
     ball = standing(source.place[:, toe] * scale, fps)
+    # an end of the foot that comes loose for a moment while the other stands has not been lifted
+    for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
+        for start, stop in runs(~flags):
+            if 0 < start and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+                flags[start:stop] = True
     return Foothold(heel, ball)
 
 
-def _ground(skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple, holds: Mapping[str, Foothold]) -> float:
+def _ground(
+    skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], holds: Mapping[str, Foothold]
+) -> float:
     """How far (m) to lift the clip so that the soles that stand do so on the floor."""
     place = positions(skeleton.parents, skeleton.centers, world, move)
     heights = []
@@ -446,5 +463,3 @@ def _ground(skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple, holds
         found = place[:, [leg.ankle for leg in limbs], 1].min(axis=1) - limbs[0].length * 0.1
     return floor_at_rest(skeleton) - float(np.median(found))
 
-
-__all__ = ["retarget", "runs"]
