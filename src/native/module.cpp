@@ -59,13 +59,14 @@ struct Kernels {
     decltype(&vt::base::forward_kinematics) forward_kinematics;
     decltype(&vt::base::linear_table) linear_table;
     decltype(&vt::base::linear) linear;
+    decltype(&vt::base::touch) touch;
     decltype(&vt::base::rigid) rigid;
     decltype(&vt::base::face_normals) face_normals;
     decltype(&vt::base::vertex_normals) vertex_normals;
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
-        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::rigid,               \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch, vt::NS::rigid,               \
             vt::NS::face_normals, vt::NS::vertex_normals                                                    \
     }
 
@@ -160,6 +161,14 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     });
 }
 
+void touch(AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
+    const int64_t count = int64_t(joint.shape(0));
+    check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
+    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr};
+    each(blocks(count), vt::threads_for(count, threads),
+         [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), out.data()); });
+}
+
 double deviation(Array<double, 4> matrices) {
     return vt::deviation(int64_t(matrices.shape(0) * matrices.shape(1)), matrices.data());
 }
@@ -239,6 +248,8 @@ NB_MODULE(_native, m) {
     m.def("linear_table", &linear_table, nb::arg("matrices"));
     m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
+          nb::arg("threads") = 0);
+    m.def("touch", &touch, nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
           nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));
     m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"));
