@@ -122,9 +122,10 @@ class Shot:
             panes = self._trace(tracer(self.soup.vertices, self.soup.triangles[glass], tracing), offsets, glass)
             behind = np.full(self.count * self.samples, -1, np.int64)
             behind[hits.pixel] = np.arange(len(hits.pixel))
+            far = np.full(self.count * self.samples, np.inf, np.float32)
+            far[hits.pixel] = hits.depth
+            panes = panes[panes.depth < far[panes.pixel]]
             at = behind[panes.pixel]
-            front = np.flatnonzero((at < 0) | (panes.depth < hits.depth[np.maximum(at, 0)]))
-            panes, at = panes[front], at[front]
             opacity = self.soup.opacity[self.soup.part[panes.triangle]]
             share[at[at >= 0]] *= 1 - opacity[at >= 0]
             self._lay(panes, opacity / self.samples)
