@@ -275,7 +275,10 @@ def _walk_legs(
     move[:, 2] = 0.7 * (_even(way, phase) - start)
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
-    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    feet = [
+        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
+        for leg, own, roll in steps
+    ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
@@ -368,7 +371,9 @@ def _foot_way(
         axis=-1,
     )
     order = np.argsort(own)
-    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
+    loop = CubicSpline(
+        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
+    )
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0
@@ -463,7 +468,9 @@ def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequ
     local[:, index["humanoid_root"]] = pelvis
     _spine(skeleton, index, local, pelvis, chest, head)
     for side, sign, late in (("l", 1.0, 0.0), ("r", -1.0, 0.07)):
-        _hanging_arm(skeleton, index, local, side, sign, breath, _wave(phase, 1, 0.4 + late) + 0.5 * _wave(phase, 3, late))
+        _hanging_arm(
+            skeleton, index, local, side, sign, breath, _wave(phase, 1, 0.4 + late) + 0.5 * _wave(phase, 3, late)
+        )
     for name, turn in relaxed(skeleton).items():
         ease_ = 1.0 + 0.12 * _wave(phase, 2, 0.3 if name.startswith("l") else 0.55)
         local[:, index[name]] = about(to_axis(turn), 2 * np.arccos(np.clip(turn[3], -1, 1)) * ease_)
@@ -501,7 +508,8 @@ def _hanging_arm(
     hang = degrees(7.5) + degrees(0.5) * breath + degrees(0.5) * drift
     forward = degrees(-1.0) + degrees(0.9) * drift
     local[:, shoulder] = multiply(
-        multiply(about(X, -(forward - front)), about(Z, sign * (hang - spread))), about(Y, -sign * degrees(10.0) + 0 * hang)
+        multiply(about(X, -(forward - front)), about(Z, sign * (hang - spread))),
+        about(Y, -sign * degrees(10.0) + 0 * hang),
     )
     straight = np.arctan2(fore[2], -fore[1]) - front
     bend = degrees(13.0) + degrees(1.2) * drift

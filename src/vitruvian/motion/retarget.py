@@ -143,7 +143,9 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     skeleton = motion.skeleton
     unknown = set(names or {}) - set(skeleton.names)
     if unknown:
-        raise VitruvianError(f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ...")
+        raise VitruvianError(
+            f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
+        )
     roles = match(skeleton.names, dict(names or {}))
     twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
     if twice:
@@ -152,7 +154,9 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     trunk = tuple(skeleton.index[n] for n, h in roles.items() if h in (SPINE, NECK))
     if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
         some = ", ".join(skeleton.names[:6])
-        raise VitruvianError(f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}")
+        raise VitruvianError(
+            f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}"
+        )
     rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
     notes = []
     if _odd_start(motion):
@@ -267,7 +271,11 @@ def _align_fingers(
     source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
 ) -> None:
     for k in range(1, 6):
-        middle = ("carpal_interphalangeal_1",) if k == 1 else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
+        middle = (
+            ("carpal_interphalangeal_1",)
+            if k == 1
+            else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
+        )
         chain = [f"{side}_{n}" for n in (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", *middle)]
         chain = [n for n in chain if n in align]
         for near, far in zip(chain, chain[1:]):
@@ -418,7 +426,9 @@ def _root(
             ratios.append(own / max(his, 1e-9))
     scale = float(np.mean(ratios)) if ratios else 1.0
     hips = [n for n in ("l_hip", "r_hip") if n in index and n in target]
-    his = np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
+    his = (
+        np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
+    )
     rest = np.mean([source.rest[index[n]] for n in hips], axis=0) if hips else source.rest[index["humanoid_root"]]
     zero = np.zeros((len(world), 3))
     place = positions(skeleton.parents, c, world, zero)
@@ -462,4 +472,3 @@ def _ground(
     if not found.size:
         found = place[:, [leg.ankle for leg in limbs], 1].min(axis=1) - limbs[0].length * 0.1
     return floor_at_rest(skeleton) - float(np.median(found))
-

@@ -106,7 +106,9 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
                     rest = skeleton.centers[j] - (skeleton.centers[parent] if parent >= 0 else 0.0)
                     shift[:, j, axis] -= rest[axis]
     if lost:
-        warn(f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out")
+        warn(
+            f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out"
+        )
     loop = data.loop and len(values) > 1
     if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
         rotation, shift = rotation[:-1], shift[:-1]
@@ -259,6 +261,4 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
             columns.append(shift[:, j])
         if turns:
             columns.append(np.degrees(to_euler(rotation[:, j], order, continuous=True)))
-    return MotionData(
-        motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop
-    )
+    return MotionData(motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from vitruvian.show.camera import Camera
@@ -27,8 +29,7 @@ def shadow(
     eye = np.asarray(camera.eye, np.float32)
     if eye[1] < level + 1e-4 * reach or low[1] > level + 0.5 * tall + 0.3 * reach:
         return dark
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    rays = camera.rays(x + 0.5, y + 0.5, size).reshape(-1, 3)
+    rays = camera.grid(size, (0.5, 0.5)).reshape(-1, 3)
     seen = np.flatnonzero(rays[:, 1] < -1e-5)
     t = (level - eye[1]) / rays[seen, 1]
     middle = (low[[0, 2]] + high[[0, 2]]) / 2
@@ -60,6 +61,7 @@ def shadow(
     return dark
 
 
+@lru_cache(4)
 def paper(size: tuple[int, int], studio: Studio) -> Single:
     """The roll of paper: bright behind the subject, darker towards the edges, linear (height * width, 3)."""
     width, height = size
@@ -72,6 +74,7 @@ def paper(size: tuple[int, int], studio: Studio) -> Single:
     return to_linear(center + (edge - center) * t)
 
 
+@lru_cache(4)
 def dither(width: int, height: int) -> Single:
     """Noise of half a level, the same every time, that keeps the soft backdrop from banding."""
     x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]

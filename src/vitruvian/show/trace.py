@@ -109,14 +109,11 @@ class Embree:
         none = np.zeros(0, np.float32)
         if self.empty or x1 <= x0 or y1 <= y0:
             return Hits(np.zeros(0, np.int64), np.zeros(0, np.int32), none, none, none)
-        # the direction is affine in the pixel
-        corner, right, down = camera.rays(np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), size)
-        x = ((np.arange(size[0]) + offset[0])[:, None] * (right - corner)).astype(np.float32)
-        y = ((np.arange(size[1]) + offset[1])[:, None] * (down - corner) + corner).astype(np.float32)
-        if among is None:
-            rays = (y[y0:y1, None] + x[x0:x1]).reshape(-1, 3)
-        else:
-            rays = y[among // size[0]] + x[among % size[0]]
+        rays = camera.grid(size, offset, (x0, y0, x1, y1)).reshape(-1, 3)
+        if among is not None:
+            x, y = among % size[0], among // size[0]
+            among = among[(x >= x0) & (x < x1) & (y >= y0) & (y < y1)]
+            rays = rays[(among // size[0] - y0) * (x1 - x0) + among % size[0] - x0]
         eye = np.empty_like(rays)
         eye[:] = camera.eye
         found = self.scene.run(eye, rays, output=1)
