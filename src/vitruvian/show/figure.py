@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.seams import creases, face_normals
 from vitruvian.body.types import Body, Part, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
@@ -90,6 +91,9 @@ class Figure:
 
             self._deformer = make(deformer, self.body)
         self._strongest = None
+        self._creases = (
+            creases(self.body.skin.rest, self.body.skin.triangles, self.body.skin.parts) if self.body else None
+        )
         self.fps = self.motion.fps if self.motion else 30.0
         self.seconds = self.motion.seconds if self.motion else 0.0
         self.placement = self.body.placement if self.body is not None else np.eye(4)
@@ -115,7 +119,10 @@ class Figure:
             moved = self._deformer(matrices, morphs={k: w for k, w in weights.items() if k in known})
             for vertices in np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3):
                 world = vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
-                yield Surface(world, skin.triangles, None, skin.colors, skin.parts, skin.rest)
+                normals = None
+                if self._creases is not None:
+                    normals = (self._creases @ face_normals(world, skin.triangles)).reshape(-1, 3, 3)
+                yield Surface(world, skin.triangles, normals, skin.colors, skin.parts, skin.rest)
 
     def _matrices(self, times: Sequence[float]) -> tuple[Array, dict[str, Array]]:
         from vitruvian.body.kinematics import joint_matrices
