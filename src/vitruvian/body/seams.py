@@ -33,7 +33,8 @@ def creases(rest: Floats, triangles: Ints, parts: tuple[Part, ...]) -> csr_array
     """Sparse (3T,T): row 3t + k adds up the faces that shade corner k of triangle t together, or None if all is smooth.
 
     `creases(...) @ face_normals(...)` are corner normals (3T,3), not normalised, of any pose: which faces belong
-    together is decided at rest, so that nothing flickers in motion: those round a point whose normals are within `Part.crease` of each other (X3D's creaseAngle, ISO/IEC 19775-1, 11.2.3).
+    together is decided at rest, so that nothing flickers in motion: those round a point whose normals are within
+    `Part.crease` of each other (X3D's creaseAngle, ISO/IEC 19775-1, 11.2.3).
     """
     limit = np.repeat([p.crease for p in parts], [p.stop - p.start for p in parts])
     if not len(limit) or limit.min() > np.pi - 1e-6:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,34 @@ def softened(normals: Single, triangles: NDArray, rounds: int = 3) -> Single:
         total = normals[triangles].sum(axis=1)
         normals = unit(_gather(total, triangles, len(normals)))
     return normals
+
+
+def joined(a: Surface, b: Surface) -> Surface:
+    """Two surfaces as one; a's vertices come first."""
+    n, m = len(a.vertices), len(a.triangles)
+    normals = []
+    for s in (a, b):
+        given = vertex_normals(s.vertices, s.triangles) if s.normals is None else s.normals
+        normals.append(given[s.triangles] if given.ndim == 2 else given)
+    colors = None
+    if a.colors is not None or b.colors is not None:
+        colors = np.concatenate([_painted(a), _painted(b)])
+    parts = (*a.parts, *(replace(p, start=p.start + m, stop=p.stop + m) for p in b.parts))
+    rest = [s.vertices if s.rest is None else s.rest for s in (a, b)]
+    return Surface(
+        np.concatenate([a.vertices, b.vertices]), np.concatenate([a.triangles, b.triangles + n]),
+        np.concatenate(normals), colors, parts, np.concatenate(rest),
+    )  # fmt: skip
+
+
+def _painted(s: Surface) -> NDArray[np.float64]:
+    """Vertex colours (V,3): the given ones, or those of the parts."""
+    if s.colors is not None:
+        return s.colors
+    out = np.full((len(s.vertices), 3), 0.8)
+    for p in s.parts:
+        out[s.triangles[p.start : p.stop]] = p.color
+    return out
 
 
 class Soup:
