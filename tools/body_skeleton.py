@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from body_source import Source
 from scipy.interpolate import CubicSpline
+
+from body_source import Source
 
 SIDES = (("l_", ".L"), ("r_", ".R"))
 # The chain of the spine: source bone whose head is the joint's centre. The joints between are interpolated.

@@ -15,10 +15,11 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
-from body_skeleton import centre_matrix, weights
-from body_source import BODY, POINTS, WHEEL, Source, checked
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import splu
+
+from body_skeleton import centre_matrix, weights
+from body_source import BODY, POINTS, WHEEL, Source, checked
 
 PACK = Path(__file__).resolve().parent.parent / "src" / "vitruvian" / "modeling" / "pack"
 STEP = 1e-4  # metres: half of it is the largest error of a stored target

@@ -63,3 +63,9 @@ def target(name: str, kind: str = "targets") -> tuple[Ints, Floats]:
 def weights() -> Weights:
     """Weights of the points at LOA 4; joints in the order of the H-Anim 2.0 table. Rows without influence are empty."""
     return Weights.from_pairs(POINTS, array("weight_vertex"), array("weight_joint"), array("weight").astype(np.float64))
+
+
+@cache
+def feature_vertices() -> dict[str, int]:
+    """Feature point of H-Anim 2.0 -> body vertex."""
+    return json.loads((PACK / "features.json").read_text())
