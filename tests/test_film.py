@@ -51,6 +51,23 @@ def test_length_is_that_of_the_motion(clip: Clip, tmp_path: Path) -> None:
     assert film(clip, tmp_path / "a.gif", fps=8, size=(24, 32), samples=1) == 4  # 12 frames at 24 a second
 
 
+def test_workers_make_the_same_pictures(clip: Clip, tmp_path: Path) -> None:
+    for n in (1, 2):
+        film(clip, tmp_path / f"{n}-%02d.png", fps=10, size=(40, 50), seconds=0.8, samples=1, processes=n)
+    for i in range(8):
+        one, two = (np.asarray(Image.open(tmp_path / f"{n}-{i:02d}.png")) for n in (1, 2))
+        assert (one == two).all()
+
+
+def test_an_error_in_a_worker_is_one_line() -> None:
+    from vitruvian.show.camera import Camera
+    from vitruvian.show.darkroom import develop
+
+    job = ([], Camera((0, 0, 1), (0, 0, 0)), (8, 8), {})
+    with pytest.raises(VitruvianError, match="nothing to see"):
+        list(develop([job, job], 2))
+
+
 def test_camera_follows(tmp_path: Path) -> None:
     """A figure that walks away stays in the middle of the picture."""
     from dataclasses import replace

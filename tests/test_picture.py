@@ -17,8 +17,9 @@ from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.show.camera import Camera, direction, fit
 from vitruvian.show.figure import Figure, pose
 from vitruvian.show.picture import aim, picture
-from vitruvian.show.render import Surface, render, softened, vertex_normals
+from vitruvian.show.render import render
 from vitruvian.show.shade import Studio, filmic, kind_of, to_linear, to_srgb
+from vitruvian.show.surfaces import Surface, softened, vertex_normals
 from vitruvian.show.trace import cosine, disc, tracer
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -246,3 +247,20 @@ def test_fit_uses_the_whole_picture() -> None:
         share = np.ptp(pixels, axis=0) / size
         assert max(share) == pytest.approx(0.8, abs=0.02)
         assert np.abs((pixels.min(axis=0) + pixels.max(axis=0)) / 2 - np.array(size) / 2).max() < 0.03 * max(size)
+
+
+def test_creases_split_normals_where_the_part_says() -> None:
+    from vitruvian.body.seams import creases, face_normals
+
+    cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    t = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                  [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]], np.int32)  # fmt: skip
+    flat = face_normals(cube, t)
+    assert creases(cube, t, (Part("cube", 0, 12),)) is None
+    for crease in (0.0, 1.0, 2.0):
+        matrix = creases(cube, t, (Part("cube", 0, 12, crease=crease),))
+        assert matrix is not None
+        normal = matrix @ flat
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        along = (normal * np.repeat(flat, 3, axis=0)).sum(axis=1)
+        assert along.min() == pytest.approx(1.0) if crease < 1.5 else along.min() < 0.9 and along.min() > 0.3

@@ -4,7 +4,8 @@
 
 Facts are read from Web3D's X3D XML schemas (4.0 first, then what only 3.3 has): per node the default containerField and
 per field [type, access, default]. The schemas say nothing about which attributes are initializeOnly, so that is listed
-here by hand after ISO/IEC 19775-1. VRML97's own fields (Switch.choice, LOD.level, Collision.collide) are added.
+here by hand after ISO/IEC 19775-1. VRML97's own fields (Switch.choice, LOD.level, Collision.collide) are added, and
+FontStyle.style, which shares its name with an attribute that all elements have.
 The H-Anim nodes are left out: `hanim/data/node_fields.json` has them.
 """
 
@@ -35,9 +36,14 @@ NOT_FIELDS = {
 }
 FIXED_EVERYWHERE = {"bboxCenter", "bboxSize", "directOutput", "mustEvaluate"}
 FIXED_IN_GEOMETRY = set(
-    ["beginCap", "bottom", "bottomRadius", "ccw", "closureType", "colorIndex", "colorPerVertex", "convex", "coordIndex", "creaseAngle", "crossSection", "endAngle", "endCap", "height", "innerRadius", "normalIndex", "normalPerVertex", "order", "orientation", "outerRadius", "radius", "scale", "side", "size", "solid", "spine", "startAngle", "subdivision", "texCoordIndex", "top", "uDimension", "vDimension", "xDimension", "xSpacing", "zDimension", "zSpacing"]
+    "beginCap bottom bottomRadius ccw closureType colorIndex colorPerVertex convex coordIndex creaseAngle crossSection "
+    "endAngle endCap height innerRadius normalIndex normalPerVertex order orientation outerRadius radius scale side "
+    "size solid spine startAngle subdivision texCoordIndex top uDimension vDimension xDimension xSpacing zDimension "
+    "zSpacing".split()  # fmt: skip
 )
-VRML97 = {
+EXTRA = {
+    "FontStyle": {"style": ["SFString", "initializeOnly", "PLAIN"]},
+    "ScreenFontStyle": {"style": ["SFString", "initializeOnly", "PLAIN"]},
     "Switch": {"choice": ["MFNode", "inputOutput", "[]"]},
     "LOD": {"level": ["MFNode", "inputOutput", "[]"]},
     "Collision": {"collide": ["SFBool", "inputOutput", "true"]},
@@ -82,6 +88,8 @@ def own_fields(element: etree._Element, named: dict[str, str]) -> tuple[str, str
             default = "[]" if kind == "MFNode" else "NULL" if kind == "SFNode" else ""
             fields[item.get("name")] = [kind, item.get("fixed")[: -len("Field")], default]
     extension = element.find(f".//{XS}extension")
+    if extension is None:  # a node that extends nothing: its attributes stand in its own type
+        extension = element.find(f"{XS}complexType")
     if extension is None:
         return "", "", fields
     container = ""
@@ -110,7 +118,7 @@ def nodes(schema: Path) -> dict[str, dict[str, object]]:
             container = container or inherited_container
             fields = {**inherited, **fields}
             base = base_of
-        if "X3DNode" not in lineage or name.startswith("HAnim"):
+        if (not container and "X3DNode" not in lineage) or name.startswith(("HAnim", "ProtoInstance")):
             continue
         geometry = any("Geometry" in b for b in lineage)
         for field, entry in fields.items():
@@ -125,7 +133,7 @@ def main(folder: Path) -> None:
     for name, older in nodes(folder / "x3d-3.3.xsd").items():
         entry = table.setdefault(name, older)
         entry["fields"] = {**older["fields"], **entry["fields"]}
-    for name, extra in VRML97.items():
+    for name, extra in EXTRA.items():
         table[name]["fields"].update(extra)
     lines = [f"{json.dumps(name)}:{json.dumps(table[name], separators=(',', ':'))}" for name in sorted(table)]
     OUT.write_text("{\n" + ",\n".join(lines) + "\n}\n")

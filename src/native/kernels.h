@@ -11,10 +11,12 @@ struct Bucket {
     int influences;         // per vertex, padded with weight 0; 0 (linear only): rows of any length
     int64_t count;          // vertices
     const float* rest;      // (count, 3) or (groups, 3, 8)
-    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],); largest weight first
+    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],): place of the joint in
+                            // the table, in floats; the largest weight first
     const float* weight;    // as joint
     const int32_t* row;     // (count + 1,) when influences is 0
-    const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i
+    const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i; a repeated one is padding
+    const uint8_t* uniform; // (groups,) whether the eight vertices of a group have the same joints; lane layout only
 };
 
 // Rigid blending of `frames` frames into out (frames, vertices, 3), or (frames, vertices, 12) with `whole`.
@@ -27,7 +29,7 @@ struct RigidJob {
     bool twists;             // exp of the sum of the table's half twists, after the base motion
     const float* bases;      // (frames, base_rows, 8) dual quaternions, or null for none
     int64_t base_rows;
-    const int32_t* base;     // (groups, 8) row of `bases` of each vertex
+    const int32_t* base;     // (groups, 8) place in `bases` of each vertex
     const float* mix;        // (frames, vertices) share of the result in out; null: all of it
     float* out;
     bool whole;
@@ -43,6 +45,7 @@ struct RigidJob {
     void linear_table(int64_t count, const double* matrix, float* out);                                               \
     void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table, \
                 float* out, int64_t stride, bool whole);                                                              \
+    void touch(const Bucket& bucket, int64_t first, int64_t last, float* out);                                        \
     void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job);                               \
     void face_normals(int64_t first, int64_t last, const float* points, const int32_t* triangle, float* out);         \
     void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \

@@ -192,7 +192,10 @@ class Weights:
 
 @dataclass(frozen=True)
 class Part:
-    """A range of a skin's triangles with one look: `start:stop` into `triangles`. Colours are sRGB in 0..1."""
+    """A range of a skin's triangles with one look: `start:stop` into `triangles`. Colours are sRGB in 0..1.
+
+    `crease`: faces that meet at a larger angle (radians) have an edge between them; pi, the default, is smooth.
+    """
 
     name: str
     start: int
@@ -202,6 +205,7 @@ class Part:
     metallic: float = 0.0
     opacity: float = 1.0
     double_sided: bool = False
+    crease: float = float(np.pi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from vitruvian.body.rotations import from_matrix, to_matrix
-from vitruvian.body.seams import split_seams
+from vitruvian.body.seams import creases, face_normals, split_seams
 from vitruvian.body.types import Body, Floats, Part, Skeleton, Skin
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.gltf_buffer import INDICES, VERTICES, Document
@@ -217,6 +218,10 @@ def _skinned(
 ) -> int:  # fmt: skip
     skin, skeleton = body.skin, body.skeleton
     source, triangles, uv = split_seams(skin)
+    normals = _normals(skin.rest, skin.triangles)[source]
+    edges = creases(skin.rest, skin.triangles, skin.parts)
+    if edges is not None:
+        source, triangles, uv, normals = _split_creases(edges, skin, source, triangles, uv)
     joints, weights, facts = limit(skin.weights, len(skeleton), influences)
     report.update(facts)
     report.update(measure(body, motion, joints, weights, deformer))
@@ -228,7 +233,7 @@ def _skinned(
     if joints.max() >= len(skeleton):  # the part of the weights that stays at rest
         bones.append(nodes.static)
         inverse = np.concatenate([inverse, np.eye(4)[None]])
-    attributes = _attributes(doc, skin, source, uv)
+    attributes = _attributes(doc, skin, source, uv, normals)
     narrow = np.uint8 if len(bones) <= 256 else np.uint16
     for k in range(influences // 4):
         some = slice(4 * k, 4 * k + 4)
@@ -244,10 +249,25 @@ def _skinned(
     return doc.append("nodes", {"name": "body", "mesh": doc.append("meshes", mesh), "skin": index})
 
 
-def _attributes(doc: Document, skin: Skin, source: NDArray, uv: NDArray | None) -> dict[str, int]:
+def _split_creases(
+    edges: csr_array, skin: Skin, source: NDArray, triangles: NDArray, uv: NDArray | None
+) -> tuple[NDArray, NDArray, NDArray | None, Floats]:
+    """Drawn vertices doubled where their corners have different normals: source, triangles, uv and normals."""
+    normal = edges @ face_normals(skin.rest, skin.triangles)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(length > 1e-30, normal / np.where(length > 1e-30, length, 1), [0.0, 1.0, 0.0])
+    key = np.concatenate([triangles.reshape(-1, 1), np.round(normal * 1024)], axis=1)
+    unique, first, where = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    drawn = unique[:, 0].astype(np.int64)
+    return (
+        source[drawn], where.reshape(-1, 3).astype(np.int32), None if uv is None else uv[drawn], normal[first],
+    )  # fmt: skip
+
+
+def _attributes(doc: Document, skin: Skin, source: NDArray, uv: NDArray | None, normals: Floats) -> dict[str, int]:
     rest = skin.rest[source]
     out = {"POSITION": doc.add(rest, target=VERTICES, bounds=True)}
-    out["NORMAL"] = doc.add(_normals(skin.rest, skin.triangles)[source], target=VERTICES)
+    out["NORMAL"] = doc.add(normals, target=VERTICES)
     if uv is not None:
         flipped = np.stack([uv[:, 0], 1 - uv[:, 1]], -1)  # glTF counts from the top of the picture
         out["TEXCOORD_0"] = doc.add(flipped, target=VERTICES)
@@ -397,7 +417,7 @@ def _write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> dict[str, Any]:
     skin = Skin(mesh.vertices * scale, mesh.triangles, nothing, mesh.uv, seams, mesh.colors, (part,))
     doc = Document()
     source, triangles, uv = split_seams(skin)
-    attributes = _attributes(doc, skin, source, uv)
+    attributes = _attributes(doc, skin, source, uv, _normals(skin.rest, skin.triangles)[source])
     item = _mesh(doc, mesh.name or "object", skin, triangles, attributes, uv is not None)
     node = doc.append("nodes", {"name": mesh.name or "object", "mesh": doc.append("meshes", item)})
     doc.root["scenes"] = [{"nodes": [node]}]
@@ -414,8 +434,7 @@ def _write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _normals(vertices: Floats, triangles: NDArray) -> Floats:
     """Smooth unit normals (V,3); +Y where a vertex has no face with an area."""
-    corner = vertices[triangles]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    face = face_normals(vertices, triangles)
     flat = triangles.T.reshape(-1)
     total = np.stack([np.bincount(flat, np.tile(face[:, i], 3), minlength=len(vertices)) for i in range(3)], -1)
     length = np.linalg.norm(total, axis=1, keepdims=True)

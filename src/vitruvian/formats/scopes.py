@@ -48,7 +48,7 @@ class Scopes:
             self.sizes[id(node)] = size
 
     def use(self, name: str) -> tuple[Node | None, int]:
-        """(the node a USE means, its size): the latest earlier DEF of the scope, None when there is none or it is open."""
+        """(the node that a USE means, its size): the latest earlier DEF in scope, None when it is missing or open."""
         node = self.names[-1].get(name)
         if node is None or id(node) in self.open:
             return None, 1
@@ -121,7 +121,7 @@ class Scopes:
 
 
 def put(fields: dict[str, object], name: str, item: Node | Use, type: str) -> list | None:
-    """Add a node to a node-valued field; a list when the type is MFNode or there are several. Returns the list, if any."""
+    """Add a node to a node-valued field; a list when the type is MFNode or there are several. Returns that list."""
     value = fields.get(name)
     if isinstance(value, list):
         value.append(item)

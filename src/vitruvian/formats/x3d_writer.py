@@ -172,9 +172,10 @@ class _XmlPrinter(Printer):
     def attribute(self, node: Node, key: str, value: object, protos: Mapping[str, Proto]) -> str:
         if isinstance(value, Node | Use) or value is None:
             return ""
-        if isinstance(value, list) and (not value or isinstance(value[0], Node | Use | Comment)):
-            if value or type_of(node, key, protos) in ("MFNode", "SFNode", ""):
-                return ""
+        if isinstance(value, list) and isinstance(next(iter(value), None), Node | Use | Comment):
+            return ""
+        if isinstance(value, list) and not value and type_of(node, key, protos) in ("MFNode", "SFNode", ""):
+            return ""
         text = self.text(node, key, value, protos)
         if text is None:
             return ""

@@ -58,10 +58,13 @@ def _motion(reading: Reading, node: Node, number: int) -> MotionData:
         reading.broken(f"motion {name}: {what}", node)
         n = min(len(groups), len(joints))
         groups, joints = groups[:n], joints[:n]
+        reading.mend(node, "joints", " ".join(joints))
+        reading.mend(node, "channels", " ".join(f"{len(g)} {' '.join(g)}" for g in groups))
     values = reading.numbers(node, "values")
     width = sum(len(g) for g in groups)
     if width and len(values) % width:
         reading.broken(f"motion {name} values: expected a multiple of {width} channels, found {len(values)}", node)
+        reading.mend(node, "values", values[: len(values) // width * width])
     frames = len(values) // width if width else 0
     if not reading.flag(node, "enabled", False):
         reading.defect("M14", f"motion {name}: enabled is not TRUE, engines differ on whether it plays", node)
@@ -128,6 +131,8 @@ def _track(
         reading.broken(f"{source.type} {source.name}: {what}", source)
         n = min(len(keys), len(values))
         keys, values = keys[:n], values[:n]
+        reading.mend(source, "key", keys)
+        reading.mend(source, "keyValue", values if width > 1 else values.reshape(-1))
     if len(keys) == 0:
         return None
     if (np.diff(keys) < 0).any():

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from vitruvian.errors import FileError
 from vitruvian.hanim.fields import type_of
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
-from vitruvian.hanim.values import parse, text_of, translate
+from vitruvian.hanim.values import default_of, parse, text_of, translate
 
 _Pair = tuple[str, object, object, Mapping[str, Proto]]
 _RENAMED = {("Switch", "choice"): "children", ("LOD", "level"): "children", ("Collision", "collide"): "enabled"}
@@ -76,7 +76,10 @@ def _shallow(where: str, x: object, y: object, protos: Mapping[str, Proto], type
         found = _attributes(where, x, y, ["access", "type", "name"] if typed else ["access", "type", "name", "extra"])
         if not typed:
             found = found or _comments(where, [("", c) for c in x.comments], [("", c) for c in y.comments])
-        return found or _value(where, x.value, y.value, x.type, protos, typed)
+        one, other = x.value, y.value
+        if typed:  # no value means the type's own default
+            one, other = (Literal(default_of(x.type, "vrml"), "vrml") if v is None else v for v in (one, other))
+        return found or _value(where, one, other, x.type, protos, typed)
     if isinstance(x, Comment):
         return "" if typed else _attributes(where, x, y, ["text"]) or []
     return _attributes(where, x, y, [s for s in getattr(x, "__slots__", ()) if s != "line"]) or []
@@ -131,7 +134,11 @@ def _nodes(where: str, x: Node, y: Node, protos: Mapping[str, Proto], typed: boo
 def _fields(node: Node, typed: bool) -> dict[str, object]:
     if not typed:
         return node.fields
-    return {_RENAMED.get((node.type, name), name): value for name, value in node.fields.items()}
+    fields = {_RENAMED.get((node.type, name), name): value for name, value in node.fields.items()}
+    if node.text:  # VRML has a Script's program among its urls
+        url = fields.get("url")
+        fields["url"] = [*(parse(url, "MFString") if isinstance(url, Literal) else url or []), node.text]  # type: ignore[misc]
+    return fields
 
 
 def _value(

@@ -152,8 +152,9 @@ def _near(name: str) -> str:
             return word
     if len(plain) < 5 or any(c.isdigit() for c in plain):  # vt3 and vt4 are one edit apart and both right
         return ""
-    found = {w for w in words if abs(len(w) - len(plain)) <= 2 and _edits(plain, w) <= 2}
-    return found.pop() if len(found) == 1 else ""
+    found = {w: d for w in words if abs(len(w) - len(plain)) <= 2 and (d := _edits(plain, w)) <= 2}
+    nearest = [w for w, d in found.items() if d == min(found.values())]
+    return nearest[0] if len(nearest) == 1 else ""
 
 
 def _edits(a: str, b: str) -> int:
@@ -175,7 +176,7 @@ def _tree(figure: Figure) -> None:
         return
     root = figure.name(figure.joints[0])
     whole = {"l_hip", "r_hip", "vl5", "l_shoulder", "skullbase"} & {tables.canonical(n) for n in figure.names.values()}
-    if not tables.humanoid_root(root) and whole:
+    if not tables.humanoid_root(root) and (whole or not tables.canonical(root)):  # a hand may start at its wrist
         fix = "make humanoid_root the root of the skeleton"
         add("T01", figure.joints[0], f"the skeleton starts at {root}, expected humanoid_root", fix)
     for node, parent in figure.twice:
@@ -347,11 +348,11 @@ def _weights(figure: Figure) -> None:
         add(rule, figure.node, message, "transfer weights from another body")
         return
     used = _used_points(figure)
-    without = np.flatnonzero((influences == 0) & used)
+    without = np.flatnonzero(influences == 0)
     if without.size:
-        message = (
-            f"{without.size} of {int(used.sum())} skin points have no weight (first {without[0]}): they stay behind"
-        )
+        drawn = int(used[without].sum())
+        message = f"{without.size} of {count} skin points have no weight (first {without[0]}): they stay behind"
+        message += f"; faces use {drawn} of them" if drawn else "; no face uses them"
         add("S04", figure.node, message, "give them the weights of their nearest neighbour")
     off = np.flatnonzero((influences > 0) & (np.abs(total - 1) > _WEIGHT_TOLERANCE))
     if off.size:

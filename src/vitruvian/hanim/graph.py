@@ -65,9 +65,12 @@ class Node:
         if self.interface:
             pairs += [(f.name, f.value) for f in self.interface]
         for name, value in pairs:
-            for v in value if isinstance(value, list) else (value,):
-                if isinstance(v, Node | Use):
-                    yield name, v
+            if isinstance(value, Node | Use):
+                yield name, value
+            elif isinstance(value, list):
+                for v in value:
+                    if isinstance(v, Node | Use):
+                        yield name, v
 
 
 @dataclass(slots=True, eq=False)

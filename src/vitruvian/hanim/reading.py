@@ -37,6 +37,10 @@ def leniently(text: str) -> Floats:
         except ValueError:
             return float("nan")
 
+    try:
+        return np.array([float(t) for t in text.strip(" \t\r\n[]").replace(",", " ").split()], np.float64)
+    except ValueError:
+        pass
     plain = re.sub(r"#[^\n]*", " ", text)
     return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
 
@@ -55,6 +59,8 @@ class Reading:
         self.length, self.angle = factors.get("length", 1.0), factors.get("angle", 1.0)
         self.protos: dict[str, Proto] = scene.protos()
         self.defects: dict[str, list[str]] = {}
+        self.repairs = 0
+        self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
         self._kinds: dict[str, str] = {}
 
     def kind(self, node: Node) -> str:
@@ -81,7 +87,15 @@ class Reading:
         line = line or (node.line if node is not None else 0)
         if not self.repair:
             raise FileError(self.path, line, what)
-        self.defect(f"repaired {len(self.defects)}", f"repaired: {what}", node)
+        self.repairs += 1
+        self.defect(f"repair {self.repairs}", f"repaired: {what}", node)
+
+    def mend(self, node: Node, field: str, value: object) -> None:
+        """In repair mode: put what is used instead (None: nothing) into the graph too, so that it will be written."""
+        if self.repair and value is None:
+            node.fields.pop(field, None)
+        elif self.repair:
+            node.fields[field] = value
 
     def say(self) -> None:
         """One warning per kind of defect: its first case and how many more there are."""
@@ -96,9 +110,6 @@ class Reading:
         if value is None and node.type in self.protos:
             value = next((f.value for f in self.protos[node.type].interface if f.name == field), None)
         return value
-
-    def _line(self, node: Node, raw: object) -> int:
-        return raw.line if isinstance(raw, Literal) and raw.line else node.line
 
     def _numbers(self, node: Node, field: str, kind: str) -> Floats | None:
         """Flat float64 of a field, or None when absent or (in repair mode) unreadable. Not checked for finiteness."""
@@ -119,13 +130,18 @@ class Reading:
     def vector(self, node: Node, field: str, default: tuple[float, ...]) -> Floats:
         """A fixed-length field, shape (len(default),); lengths in metres, angles in radians."""
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
+        before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
+            return np.array(default)
+        if self.repairs > before:
+            self.mend(node, field, np.array(default))
             return np.array(default)
         if len(array) != len(default) or not np.isfinite(array).all():
             expected = f"{len(default)} finite numbers"
             found = " ".join(f"{v:g}" for v in array[:4])
             self.broken(f"{self.who(node)} {field}: expected {expected}, found {len(array)}: {found}", node)
+            self.mend(node, field, np.array(default))
             return np.array(default)
         array = array.copy()
         if field in _LENGTHS:
@@ -151,17 +167,23 @@ class Reading:
 
         In repair mode non-finite numbers become 0, as the places of the others must not shift.
         """
+        before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
             return np.zeros(0 if width == 1 else (0, width))
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
-            at = int(bad[0]) // width
-            self.broken(f"{self.who(node)} {field}: expected finite numbers, found {array[bad[0]]} at entry {at}", node)
+            if self.repairs == before:
+                at = f"{array[bad[0]]} at entry {int(bad[0]) // width}"
+                self.broken(f"{self.who(node)} {field}: expected finite numbers, found {at}", node)
             array = np.where(np.isfinite(array), array, 0.0)
-        if len(array) % width:
+        whole = len(array) // width * width
+        if whole < len(array):
             self.broken(f"{self.who(node)} {field}: expected groups of {width} numbers, found {len(array)}", node)
-            array = array[: len(array) // width * width]
+            array = array[:whole]
+        if self.repairs > before:
+            typed = array.astype(np.int32) if kind == "MFInt32" else array
+            self.mend(node, field, typed.reshape(-1, width) if width > 1 else typed)
         if field in _LENGTHS and self.length != 1:
             array = array * self.length
         return array.reshape(-1, width) if width > 1 else array
@@ -174,6 +196,7 @@ class Reading:
                 f"{self.who(node)} {field}: expected 32-bit integers, found {array[np.abs(array).argmax()]:.0f}"
             )
             array = np.clip(array, -1, 2**31 - 1)
+            self.mend(node, field, array.astype(np.int32))
         return array.astype(np.int32)
 
     def number(self, node: Node, field: str, default: float) -> float:
@@ -183,6 +206,7 @@ class Reading:
             return default
         if not np.isfinite(array[0]):
             self.broken(f"{self.who(node)} {field}: expected a finite number, found {array[0]}", node)
+            self.mend(node, field, default)
             return default
         return float(array[0])
 
@@ -195,6 +219,7 @@ class Reading:
             return bool(parse(raw, "SFBool", self.path)) if isinstance(raw, Literal) else bool(raw)
         except FileError as error:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            self.mend(node, field, default)
             return default
 
     def text(self, node: Node, field: str, default: str = "") -> str:

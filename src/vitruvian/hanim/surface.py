@@ -15,6 +15,7 @@ from vitruvian.hanim.reading import Reading
 Floats = NDArray[np.float64]
 _GROUPS = {"Group", "StaticGroup", "Collision", "Anchor", "Billboard", "CADLayer", "CADAssembly", "CADPart", "CADFace"}
 _FLAT = {"IndexedLineSet", "LineSet", "PointSet", "Text"}  # drawn as lines or letters: no surface
+_PRIMITIVES = {"Box", "Sphere", "Cylinder", "Cone"}
 _DEPTH = 512
 
 
@@ -103,10 +104,11 @@ def _shape(reading: Reading, node: Node, skin_coord: Node | None) -> Shape | Non
     geometry = geometries[0]
     shape = Shape(name=node.name or geometry.name, node=node, material=material(reading, node))
     shape.material.double_sided = not reading.flag(geometry, "solid", True)
-    primitive = _primitive(reading, geometry)
-    if primitive is not None:
-        shape.points, triangles = primitive
-        shape.triangles = triangles.astype(np.int32)
+    if geometry.type in _PRIMITIVES:
+        if id(geometry) not in reading.primitives:  # the same ball USEd a hundred times is made once
+            reading.primitives[id(geometry)] = _primitive(reading, geometry)
+        primitive = reading.primitives[id(geometry)]
+        shape.points, shape.triangles = primitive
         shape.crease_angle = 0.5
         return shape
     coord = coordinate(geometry)
@@ -131,7 +133,12 @@ def _shape(reading: Reading, node: Node, skin_coord: Node | None) -> Shape | Non
     return shape
 
 
-def _primitive(reading: Reading, node: Node) -> tuple[Floats, NDArray[np.int64]] | None:
+def _primitive(reading: Reading, node: Node) -> tuple[Floats, NDArray[np.int32]]:
+    points, triangles = _tessellated(reading, node)
+    return points, triangles.astype(np.int32)
+
+
+def _tessellated(reading: Reading, node: Node) -> tuple[Floats, NDArray[np.int64]]:
     if node.type == "Box":
         return triangulate.box(reading.vector(node, "size", (2, 2, 2)))
     unit = reading.length
@@ -141,11 +148,9 @@ def _primitive(reading: Reading, node: Node) -> tuple[Floats, NDArray[np.int64]]
         parts = {name: reading.flag(node, name, True) for name in ("top", "bottom", "side")}
         radius, height = reading.number(node, "radius", 1.0), reading.number(node, "height", 2.0)
         return triangulate.cylinder(radius * unit, height * unit, **parts)
-    if node.type == "Cone":
-        parts = {name: reading.flag(node, name, True) for name in ("bottom", "side")}
-        radius, height = reading.number(node, "bottomRadius", 1.0), reading.number(node, "height", 2.0)
-        return triangulate.cylinder(radius * unit, height * unit, tip=True, **parts)
-    return None
+    parts = {name: reading.flag(node, name, True) for name in ("bottom", "side")}
+    radius, height = reading.number(node, "bottomRadius", 1.0), reading.number(node, "height", 2.0)
+    return triangulate.cylinder(radius * unit, height * unit, tip=True, **parts)
 
 
 def _mesh(reading: Reading, node: Node, points: Floats) -> _Mesh | None:
@@ -198,12 +203,15 @@ def _index(reading: Reading, node: Node, field: str, limit: int, separated: bool
     if not separated:
         n = 3 if "Triangle" in node.type else 4
         whole = len(index) // n * n
-        return index[:whole].reshape(-1, n)[~bad[:whole].reshape(-1, n).any(axis=1)].reshape(-1)
+        index = index[:whole].reshape(-1, n)[~bad[:whole].reshape(-1, n).any(axis=1)].reshape(-1)
+        reading.mend(node, field, index.astype(np.int32))
+        return index
     # faces keep their places, so that per-corner and per-face lists still fit: a bad one loses its area
     starts, sizes = triangulate.polygons(np.where(bad, 0, index))
     for start, size in zip(starts, sizes):
         if bad[start : start + size].any():
             index[start : start + size] = 0
+    reading.mend(node, field, index.astype(np.int32))
     return index
 
 
@@ -228,11 +236,15 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
     if len(index) <= mesh.corners.max():
         what = f"expected an entry for each of {mesh.corners.max() + 1} corners, found {len(index)}"
         reading.broken(f"{reading.who(geometry)} texCoordIndex: {what}", geometry)
+        reading.mend(geometry, "texCoordIndex", np.zeros(0, np.int32))
+        reading.mend(geometry, "texCoord", None)
         return
     corners = index[mesh.corners]
     if corners.min() < 0 or corners.max() >= len(uv):
         what = f"expected indices in 0..{len(uv) - 1}, found {corners.max() if corners.min() >= 0 else corners.min()}"
         reading.broken(f"{reading.who(geometry)} texCoordIndex: {what}", geometry)
+        reading.mend(geometry, "texCoordIndex", np.zeros(0, np.int32))
+        reading.mend(geometry, "texCoord", None)
         return
     shape.uv = uv
     shape.uv_triangles = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
@@ -256,6 +268,8 @@ def _colors(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, points:
         wanted = np.repeat(mesh.face, 3)
     if wanted.max() >= len(index) or index[wanted].min() < 0 or index[wanted].max() >= len(colors):
         reading.broken(f"{reading.who(geometry)} colorIndex: expected indices that fit {len(colors)} colors", geometry)
+        reading.mend(geometry, "colorIndex", np.zeros(0, np.int32))
+        reading.mend(geometry, "color", None)
         return
     place = mesh.index[mesh.corners].reshape(-1)
     weight = np.bincount(place, minlength=points)

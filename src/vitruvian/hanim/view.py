@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vitruvian.hanim import animation, surface, tables
+from vitruvian.hanim.fields import container_of
 from vitruvian.hanim.graph import Node, Scene, Use
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.reading import Reading
@@ -164,6 +165,7 @@ def _stray(reading: Reading, node: Node, types: set[str]) -> list[Node]:
 
 def _humanoid(reading: Reading, node: Node) -> Humanoid:
     figure = _Figure(reading, node)
+    _check_containers(reading, node)
     default = {"2.0": "200x"}.get(reading.scene.version, "2.0" if reading.scene.version >= "4" else "1.0")
     h = Humanoid(
         name=reading.text(node, "name").strip() or _plain_name(node),
@@ -184,6 +186,18 @@ def _humanoid(reading: Reading, node: Node) -> Humanoid:
     _binding(figure, h)
     h.motions = animation.motions(reading, node)
     return h
+
+
+def _check_containers(reading: Reading, node: Node) -> None:
+    """Say that children without containerField were placed by their type (the reader of XML does it)."""
+    if reading.scene.encoding != "x3d":
+        return
+    for field, entry in node.entries():
+        target = entry.node if isinstance(entry, Use) else entry
+        if target is None or not entry.line or entry.container or container_of(target.type) == field:
+            continue
+        what = f"{target.type} {entry.name} without containerField is read as {field}"
+        reading.defect("F06", f"{reading.who(node)}: {what}", target)
 
 
 def _plain_name(node: Node) -> str:
@@ -307,11 +321,14 @@ def _weights(figure: _Figure, node: Node, joint: Joint) -> None:
         what = f"expected indices in 0..{len(figure.points) - 1}, found {bad} at entry {int(np.argmin(keep))}"
         reading.broken(f"joint {joint.name} skinCoordIndex: {what}; drop the pair or check skinCoord", node)
         index, weight = index[keep], weight[keep]
+        reading.mend(node, "skinCoordIndex", index)
+        reading.mend(node, "skinCoordWeight", weight)
     if (weight < 0).any():
         first = int(np.argmax(weight < 0))
         what = f"expected weights of 0 or more, found {weight[first]:g} at entry {first}"
         reading.broken(f"joint {joint.name} skinCoordWeight: {what}", node)
         weight = np.maximum(weight, 0.0)
+        reading.mend(node, "skinCoordWeight", weight)
     joint.skin_coord_index, joint.skin_coord_weight = index, weight
 
 
@@ -367,6 +384,7 @@ def _segment(figure: _Figure, node: Node, joint: Joint) -> tuple[Segment, list[N
         segment.moments_of_inertia = inertia
     elif len(inertia):
         reading.broken(f"segment {name} momentsOfInertia: expected 9 numbers, found {len(inertia)}", node)
+        reading.mend(node, "momentsOfInertia", np.zeros(9))
     children = node.children("children")
     segment.shapes = surface.shapes(reading, children)
     joints: list[Node] = []
@@ -411,6 +429,8 @@ def _displacer(figure: _Figure, node: Node, limit: int, owner: str) -> Displacer
         reading.broken(f"displacer {name} of {owner}: {what}; cut both to the shorter", node)
         n = min(len(index), len(moves))
         index, moves = index[:n], moves[:n]
+        reading.mend(node, "coordIndex", index)
+        reading.mend(node, "displacements", moves)
     elif not len(moves):
         moves = np.zeros((len(index), 3))
     keep = (index >= 0) & (index < limit)
@@ -419,6 +439,8 @@ def _displacer(figure: _Figure, node: Node, limit: int, owner: str) -> Displacer
         where = f"displacer {name} of {owner} coordIndex"
         reading.broken(f"{where}: expected indices in 0..{limit - 1}, found {bad}; drop the entry", node)
         index, moves = index[keep], moves[keep]
+        reading.mend(node, "coordIndex", index)
+        reading.mend(node, "displacements", moves)
     return Displacer(name, index, moves, reading.number(node, "weight", 0.0), node)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
@@ -49,6 +50,14 @@ class Camera:
         sx = (2 * np.asarray(x) / width - 1) * half * width / height
         sy = (1 - 2 * np.asarray(y) / height) * half
         return sx[..., None] * axes[0] + sy[..., None] * axes[1] - axes[2]
+
+    def grid(self, size: tuple[int, int], offset: tuple[float, float], block: object = None) -> NDArray[np.float32]:
+        """`rays` (h,w,3) float32 at `offset` in the pixels of a block (x0, y0, x1, y1), by default all of them."""
+        x0, y0, x1, y1 = block or (0, 0, *size)  # type: ignore[misc]
+        corner, right, down = self.rays(np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), size)  # affine in the pixel
+        x = (np.arange(x0, x1) + offset[0])[:, None] * (right - corner)
+        y = (np.arange(y0, y1) + offset[1])[:, None] * (down - corner) + corner
+        return y.astype(np.float32)[:, None] + x.astype(np.float32)
 
     def project(self, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
         """Pixel positions (...,2) and depths (...) along the viewing axis; positions behind the camera are NaN."""

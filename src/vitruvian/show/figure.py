@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.seams import creases, face_normals
 from vitruvian.body.types import Body, Part, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
-from vitruvian.show.render import Surface
+from vitruvian.show.surfaces import Surface, joined
 from vitruvian.stage.clip import Clip, Mesh
 
 if TYPE_CHECKING:
@@ -90,6 +91,10 @@ class Figure:
 
             self._deformer = make(deformer, self.body)
         self._strongest = None
+        self._sparse = self.body is not None and _sparse(self.body)
+        self._creases = (
+            creases(self.body.skin.rest, self.body.skin.triangles, self.body.skin.parts) if self.body else None
+        )
         self.fps = self.motion.fps if self.motion else 30.0
         self.seconds = self.motion.seconds if self.motion else 0.0
         self.placement = self.body.placement if self.body is not None else np.eye(4)
@@ -113,9 +118,13 @@ class Figure:
             skin = self.body.skin  # type: ignore[union-attr]
             known = {m.name for m in skin.morphs}
             moved = self._deformer(matrices, morphs={k: w for k, w in weights.items() if k in known})
-            for vertices in np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3):
+            for m, vertices in zip(matrices, np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3)):
                 world = vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
-                yield Surface(world, skin.triangles, None, skin.colors, skin.parts, skin.rest)
+                normals = None
+                if self._creases is not None:
+                    normals = (self._creases @ face_normals(world, skin.triangles)).reshape(-1, 3, 3)
+                surface = Surface(world, skin.triangles, normals, skin.colors, skin.parts, skin.rest)
+                yield joined(surface, self._bones(m)) if self._sparse else surface
 
     def _matrices(self, times: Sequence[float]) -> tuple[Array, dict[str, Array]]:
         from vitruvian.body.kinematics import joint_matrices
@@ -180,7 +189,7 @@ class Figure:
         s = self.skeleton
         if s is None or self.body is None:
             return out
-        if len(surface.vertices) == len(self.body.skin.rest):
+        if len(surface.vertices) >= len(self.body.skin.rest):  # bones may follow
             for name, joints in (("face", ("skullbase", "skull")), ("l", _WRISTS), ("r", _WRISTS)):
                 joint = next((s.index[j.format(name)] for j in joints if j.format(name) in s.index), None)
                 points = surface.vertices[self._below(joint)] if joint is not None else np.zeros((0, 3))
@@ -206,6 +215,13 @@ class Figure:
         drawn = np.zeros(len(skin.rest), bool)
         drawn[skin.triangles] = True
         return np.flatnonzero(under[self._strongest] & drawn & (skin.weights.counts > 0))
+
+
+def _sparse(body: Body) -> bool:
+    """Whether the surface is little more than marks on the joints, so that bones help to see the figure."""
+    area = np.linalg.norm(face_normals(body.skin.rest, body.skin.triangles), axis=1).sum() / 2
+    tall = np.ptp(body.skeleton.centers, axis=0).max()
+    return len(body.skeleton) > 5 and area < 0.12 * tall**2
 
 
 def _looking(frame: Array, points: Array) -> Array:

@@ -11,10 +11,12 @@ import numpy as np
 from vitruvian.errors import MissingExtra, VitruvianError
 from vitruvian.formats.atomic import atomic
 from vitruvian.show.camera import Camera, _tuple
+from vitruvian.show.darkroom import Job, develop
 from vitruvian.show.figure import Figure, Thing
 from vitruvian.show.picture import aim, floor_of
-from vitruvian.show.render import Pixels, Surface, render, whole
+from vitruvian.show.render import Pixels, whole
 from vitruvian.show.shade import Studio
+from vitruvian.show.surfaces import Surface
 
 
 def film(
@@ -28,14 +30,15 @@ def film(
     samples: int = 4,
     turn: float = 0.0,
     studio: Studio | None = None,
+    processes: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Film a Clip (or Humanoid, Body, Mesh, Motion); returns the number of frames.
 
     path: `.mp4` (H.264, yuv420p; needs the extra `film`), `.gif`, `.webp`, or a name with `%04d.png` in it for a
     sequence of pictures. seconds: length, by default that of the motion (3 s without one). turn: degrees per second
-    that the camera goes round. progress(done, total) is called after each frame. Raises `MissingExtra` without PyAV,
-    `VitruvianError` for other endings, sizes and rates.
+    that the camera goes round. processes: how many render at once, by default one per processor. progress(done, total)
+    is called after each frame. Raises `MissingExtra` without PyAV, `VitruvianError` for other endings, sizes and rates.
     """
     name = os.fspath(path)
     ending = os.path.splitext(name)[1].lower()
@@ -53,7 +56,9 @@ def film(
     count = max(round(length * fps), 1)
     if count > 100_000:
         raise VitruvianError(f"seconds: expected a film of at most 100000 frames, found {count}")
-    frames = _frames(figure, count, fps, size, view, samples, turn, studio)
+    times = [i / fps for i in range(count)]
+    jobs = _jobs(figure, times, size, view, turn, {"samples": samples, "studio": studio, "quality": 4})
+    frames = develop(jobs, processes if count >= 8 else 1)
     total = _counted(frames, count, progress)
     write(name, total, fps, size)
     return count
@@ -66,14 +71,19 @@ def _counted(frames: Iterator[Pixels], total: int, progress: Callable[[int, int]
             progress(i + 1, total)
 
 
-def _frames(figure, count, fps, size, view, samples, turn, studio) -> Iterator[Pixels]:  # type: ignore[no-untyped-def]
-    times = [i / fps for i in range(count)]
+def _jobs(
+    figure: Figure,
+    times: list[float],
+    size: tuple[int, int],
+    view: str | Camera,
+    turn: float,
+    options: dict[str, object],
+) -> Iterator[Job]:
     looped = figure.motion is not None and figure.motion.loop
     path = figure.path([t % figure.seconds if looped and figure.seconds else t for t in times])
     camera, floor = _follow(figure, times, view, size)
     for t, at, surface in zip(times, path, figure.at(times)):
-        moved = _round(camera, turn * t).moved(at)
-        yield render([surface], moved, size, samples=samples, studio=studio, floor=floor)
+        yield [surface], _round(camera, turn * t).moved(at), size, {**options, "floor": floor}
 
 
 def _follow(figure: Figure, times: list[float], view: str | Camera, size: tuple[int, int]) -> tuple[Camera, float]:

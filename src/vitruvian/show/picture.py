@@ -15,8 +15,9 @@ from vitruvian.errors import VitruvianError
 from vitruvian.formats.atomic import atomic
 from vitruvian.show.camera import Camera, direction, fit, stand
 from vitruvian.show.figure import Figure, Thing
-from vitruvian.show.render import Pixels, Surface, render, whole
+from vitruvian.show.render import Pixels, render, whole
 from vitruvian.show.shade import Studio
+from vitruvian.show.surfaces import Surface
 
 _ENDINGS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 

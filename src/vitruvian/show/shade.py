@@ -65,8 +65,8 @@ class Studio:
     kicker: Light = field(default_factory=lambda: Light(-140.0, 22.0, (0.75, 0.8, 0.9), 0.3))
     sky: tuple[float, float, float] = (0.50, 0.53, 0.58)
     earth: tuple[float, float, float] = (0.30, 0.28, 0.26)
-    center: tuple[float, float, float] = (0.86, 0.865, 0.872)
-    edge: tuple[float, float, float] = (0.60, 0.615, 0.635)
+    center: tuple[float, float, float] = (0.925, 0.92, 0.912)
+    edge: tuple[float, float, float] = (0.70, 0.695, 0.69)
     floor: tuple[float, float, float] = (0.80, 0.80, 0.80)
     exposure: float = 0.72
 
@@ -99,19 +99,20 @@ class Samples:
         return Samples(**{n: getattr(self, n)[some] for n in Samples.__dataclass_fields__})
 
 
-def _dot(a: Single, b: Single) -> Single:
-    return np.einsum("...i,...i->...", a, b)
+def dot(a: Single, b: Single) -> Single:
+    """Scalar products over the last axis of three."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _unit(a: Single) -> Single:
-    return a / np.maximum(np.sqrt(_dot(a, a)), 1e-12)[..., None]
+    return a / np.maximum(np.sqrt(dot(a, a)), 1e-12)[..., None]
 
 
 def _lobe(normal: Single, view: Single, light: Single, roughness: Single, base: Single | float) -> Single:
     """Specular reflection times the cosine, (n,) or (n,3): GGX, Smith, Schlick."""
     half = _unit(view + light)
-    nl, nv = np.maximum(_dot(normal, light), 0), np.maximum(_dot(normal, view), 1e-3)
-    nh, vh = np.maximum(_dot(normal, half), 0), np.maximum(_dot(view, half), 0)
+    nl, nv = np.maximum(dot(normal, light), 0), np.maximum(dot(normal, view), 1e-3)
+    nh, vh = np.maximum(dot(normal, half), 0), np.maximum(dot(view, half), 0)
     a = np.maximum(roughness * roughness, 0.002)
     d = a * a / (np.pi * (nh * nh * (a * a - 1) + 1) ** 2)
     smith = 0.5 / np.maximum(nl * (nv * (1 - a) + a) + nv * (nl * (1 - a) + a), 1e-4)
@@ -146,7 +147,7 @@ def _dome(s: Samples, studio: Studio, normal: Single) -> Single:
 
 def _mirror(s: Samples, studio: Studio, base: Single | float, roughness: Single) -> Single:
     """The studio reflected, blurred by roughness."""
-    nv = np.clip(_dot(s.normal, s.view), 0, 1)
+    nv = np.clip(dot(s.normal, s.view), 0, 1)
     up = 2 * nv * s.normal[:, 1] - s.view[:, 1]
     width = 0.35 + roughness
     t = np.clip(0.5 + 0.5 * up / width, 0, 1)[:, None]
@@ -170,7 +171,7 @@ def _plain(s: Samples, studio: Studio, heading: float) -> Single:
     out = matte * _dome(s, studio, s.normal) + _mirror(s, studio, base, s.roughness)
     for light in studio.lights():
         to = light.towards(heading)
-        cosine = np.maximum(_dot(s.normal, to), 0)[:, None]
+        cosine = np.maximum(dot(s.normal, to), 0)[:, None]
         rough = np.sqrt(s.roughness**2 + (0.35 * light.radius) ** 2)
         part = matte / np.pi * cosine * np.pi * 0.5 + _lobe(s.normal, s.view, to, rough, base)
         out += part * np.asarray(light.color, np.float32) * _reach(s, light)[:, None]
@@ -189,7 +190,7 @@ def _skin(s: Samples, studio: Studio, heading: float) -> Single:
         color = np.asarray(light.color, np.float32)
         for i in range(3):
             w = wraps[i]
-            wrapped = np.clip((_dot(bent[i], to) + w) / (1 + w), 0, 1)
+            wrapped = np.clip((dot(bent[i], to) + w) / (1 + w), 0, 1)
             out[:, i] += s.albedo[:, i] * 0.5 * wrapped ** (1 + w) * color[i] * reach ** bleed[i]
         rough = np.sqrt(s.roughness**2 + (0.35 * light.radius) ** 2)
         gloss = 0.75 * _lobe(s.normal, s.view, to, rough, 0.028) + 0.25 * _lobe(
@@ -204,15 +205,15 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
     s = replace(s, roughness=np.full_like(s.roughness, 0.5), metallic=np.zeros_like(s.metallic))
     out = s.albedo * _dome(s, studio, s.soft)
     for light in studio.lights():
-        wrapped = np.clip((_dot(s.soft, light.towards(heading)) + 0.3) / 1.3, 0, 1)
+        wrapped = np.clip((dot(s.soft, light.towards(heading)) + 0.3) / 1.3, 0, 1)
         out += s.albedo * 0.5 * (wrapped * _reach(s, light))[:, None] * np.asarray(light.color, np.float32)
     out = out * 0.9
     # the wet front mirrors the lamps as soft boxes
-    nv = np.clip(_dot(s.normal, s.view), 0, 1)
+    nv = np.clip(dot(s.normal, s.view), 0, 1)
     reflected = 2 * nv[:, None] * s.normal - s.view
     fresnel = 0.03 + 0.97 * (1 - nv) ** 5 * 0.6
     for light in studio.lights()[:2]:
-        inside = np.clip((_dot(reflected, light.towards(heading)) - 0.972) / 0.010, 0, 1)
+        inside = np.clip((dot(reflected, light.towards(heading)) - 0.972) / 0.010, 0, 1)
         box = inside * inside * (3 - 2 * inside)
         out += (box * (fresnel + 0.05) * 14.0 * np.sqrt(np.maximum(s.sky, 0)))[:, None] * np.asarray(
             light.color, np.float32
@@ -221,19 +222,19 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
 
 
 def _hair(s: Samples, studio: Studio, heading: float) -> Single:
-    strand = s.strand - _dot(s.strand, s.normal)[:, None] * s.normal
+    strand = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
     strand = _unit(strand + 1e-4)
     out = s.albedo * _dome(s, studio, s.normal)
     for light in studio.lights():
         to = light.towards(heading)
         half = _unit(s.view + to)
         color = np.asarray(light.color, np.float32) * _reach(s, light)[:, None]
-        cosine = np.clip((_dot(s.normal, to) + 0.25) / 1.25, 0, 1)[:, None]
-        along = np.clip(_dot(strand, to), -1, 1)
+        cosine = np.clip((dot(s.normal, to) + 0.25) / 1.25, 0, 1)[:, None]
+        along = np.clip(dot(strand, to), -1, 1)
         out += s.albedo * 0.5 * cosine * np.sqrt(1 - along**2)[:, None] * color
         for shift, power, tint in ((-0.06, 90.0, 0.055), (0.10, 22.0, 0.0)):
             t = _unit(strand + shift * s.normal)
-            sine = np.sqrt(np.maximum(1 - _dot(t, half) ** 2, 0))
+            sine = np.sqrt(np.maximum(1 - dot(t, half) ** 2, 0))
             shine = (sine**power)[:, None] * cosine
             out += shine * color * (tint if tint else s.albedo * 0.45)
     return out
@@ -243,11 +244,11 @@ def _cloth(s: Samples, studio: Studio, heading: float) -> Single:
     # fibres that stand off the cloth brighten its outline (Ashikhmin's velvet term, mild)
     rough = np.maximum(s.roughness, 0.7)
     out = s.albedo * _dome(s, studio, s.normal)
-    nv = np.clip(_dot(s.normal, s.view), 0, 1)
+    nv = np.clip(dot(s.normal, s.view), 0, 1)
     fuzz = (0.12 * (1 - nv) ** 3)[:, None] * np.sqrt(s.albedo)
     for light in studio.lights():
         to = light.towards(heading)
-        cosine = np.clip((_dot(s.normal, to) + 0.08) / 1.08, 0, 1)[:, None]
+        cosine = np.clip((dot(s.normal, to) + 0.08) / 1.08, 0, 1)[:, None]
         gloss = _lobe(s.normal, s.view, to, rough, 0.03)[:, None]
         color = np.asarray(light.color, np.float32) * _reach(s, light)[:, None]
         out += (s.albedo * 0.5 * cosine + gloss + fuzz * np.sqrt(cosine)) * color

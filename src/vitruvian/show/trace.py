@@ -1,7 +1,8 @@
 """What a ray meets: Intel Embree (PyPI `embreex`), with the NumPy twin of `raster.py` when it is missing.
 
 A tracer is built from float32 vertices (V,3) near the origin and int32 triangles (T,3). Both kinds answer:
-`visible(camera, size, offset)`: the nearest surface at every pixel of one sub-pixel pattern point;
+`visible(camera, size, offset, among)`: the nearest surface at one sub-pixel place of every pixel (or of those in
+`among`, row-major indices);
 `ambient(points, normals, row, count)` and `light(points, direction, radius, row, count)`: shares of open sky and of a
 round light, each (n,) in 0..1. `row` (n,) in 0..15 picks one of sixteen fixed, complementary sets of directions, so
 that the mean of a 4 x 4 block of neighbours has sixteen times as many.
@@ -21,6 +22,7 @@ from vitruvian.show.camera import Camera
 
 Single = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Pixels = NDArray[np.int64]
 ROWS = 16
 
 
@@ -37,13 +39,18 @@ class Hits:
     v: Single
     depth: Single
 
+    def __getitem__(self, some: object) -> Hits:
+        return Hits(*(getattr(self, n)[some] for n in Hits.__dataclass_fields__))
+
     @staticmethod
     def join(parts: list[Hits]) -> Hits:
         return Hits(*(np.concatenate([getattr(p, n) for p in parts]) for n in Hits.__dataclass_fields__))
 
 
 class Tracer(Protocol):
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits: ...
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], among: Pixels | None = None
+    ) -> Hits: ...
 
     def ambient(self, points: Single, normals: Single, row: Ints, count: int) -> Single: ...
 
@@ -95,17 +102,26 @@ class Embree:
         if not self.empty:
             self.mesh = TriangleMesh(self.scene, self.vertices, np.ascontiguousarray(triangles, np.int32))
 
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits:
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], among: Pixels | None = None
+    ) -> Hits:
         x0, y0, x1, y1 = window(camera, size, self.vertices)
         none = np.zeros(0, np.float32)
         if self.empty or x1 <= x0 or y1 <= y0:
             return Hits(np.zeros(0, np.int64), np.zeros(0, np.int32), none, none, none)
-        y, x = np.mgrid[y0:y1, x0:x1]
-        rays = camera.rays(x + offset[0], y + offset[1], size).astype(np.float32).reshape(-1, 3)
-        eye = np.ascontiguousarray(np.broadcast_to(np.asarray(camera.eye, np.float32), rays.shape))
+        rays = camera.grid(size, offset, (x0, y0, x1, y1)).reshape(-1, 3)
+        if among is not None:
+            x, y = among % size[0], among // size[0]
+            among = among[(x >= x0) & (x < x1) & (y >= y0) & (y < y1)]
+            rays = rays[(among // size[0] - y0) * (x1 - x0) + among % size[0] - x0]
+        eye = np.empty_like(rays)
+        eye[:] = camera.eye
         found = self.scene.run(eye, rays, output=1)
         hit = np.flatnonzero(found["primID"] >= 0)
-        pixel = (y * size[0] + x).reshape(-1)[hit]
+        if among is None:
+            pixel = (hit // (x1 - x0) + y0) * size[0] + hit % (x1 - x0) + x0
+        else:
+            pixel = among[hit]
         return Hits(pixel, *(found[k][hit] for k in ("primID", "u", "v", "tfar")))
 
     def open(self, points: Single, directions: Single) -> Single:
