@@ -174,6 +174,8 @@ class Page {
       this.studio.shade([...this.figures.values()].flatMap((f) => f.spheres()));
       this.transport();
     }
+    if (this.changed || this.header.playing || this.studio.moving) this.stillSince = now;
+    this.studio.settle(now - (this.stillSince ?? now) > 300);
     if (this.studio.draw(dt, this.changed)) {
       this.drawn.push(now);
       while (this.drawn.length > 60 || now - this.drawn[0] > 3000) this.drawn.shift();

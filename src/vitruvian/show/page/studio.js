@@ -7,7 +7,8 @@ const THEMES = {
   dark: { centre: "#54565b", edge: "#17181b", grid: [1, 1, 1, 0.07], shadow: 0.72, exposure: 1.0 },
   light: { centre: "#f3f1ee", edge: "#c3beb8", grid: [0, 0, 0, 0.075], shadow: 0.5, exposure: 1.06 },
 };
-const BLOBS = 16; // spheres under which the floor is darkened
+const BLOBS = 20; // spheres under which the floor is darkened
+const CELLS = 96, SPAN = 2.6; // texture of the contact shadow: cells and metres a side
 const GRID = 0.5; // metres
 
 /** Quality steps; the page takes the best that keeps up. `dpr` caps the pixels, `shadows` is the key light's map. */
@@ -28,32 +29,26 @@ const BACKDROP = `
   }`;
 
 const FLOOR = `
-  varying vec3 world; uniform vec3 middle; uniform vec4 blobs[${BLOBS}]; uniform vec4 grid; uniform float strength, reach;
+  varying vec3 world; uniform vec3 middle; uniform sampler2D contact; uniform vec2 corner; uniform vec4 grid; uniform float strength, reach;
   void main() {
     float far = length(world.xz - middle.xz);
     if (far > reach) discard;
-    float open = 1.0;
-    for (int i = 0; i < ${BLOBS}; i++) {
-      vec3 d = blobs[i].xyz - world; float q = dot(d, d) + 1e-6;
-      open *= 1.0 - min(0.96, blobs[i].w * blobs[i].w * max(d.y, blobs[i].w * 0.6) * inversesqrt(q) / q);
-    }
     float fade = 1.0 - smoothstep(0.25 * reach, reach, far);
     vec2 cell = world.xz / ${GRID.toFixed(2)}, width = fwidth(cell);
     vec2 line = 1.0 - smoothstep(vec2(0.0), width * 1.3, abs(fract(cell - 0.5) - 0.5));
     float g = max(line.x, line.y) * grid.a * fade / (1.0 + 6.0 * max(width.x, width.y));
-    float dark = strength * (1.0 - open) * fade;
+    float dark = strength * texture2D(contact, (world.xz - corner) / ${SPAN.toFixed(2)}).r;
     gl_FragColor = vec4(grid.rgb * g * (1.0 - dark), g * (1.0 - dark) + dark);
   }`;
 
 export class Studio {
   constructor(canvas) {
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !location.hash.includes("noaa"), powerPreference: "high-performance" });
+    const software = drawnBySoftware();
+    this.software = software;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !software, powerPreference: "high-performance" });
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
-    const gl = this.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
-    const device = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
-    this.software = /swiftshader|llvmpipe|software|basic render/i.test(device);
     this.level = this.software ? 1 : STEPS.length - 1;
     this.slow = 0;
 
@@ -95,7 +90,6 @@ export class Studio {
     Object.assign(shadow, { bias: -0.0004, normalBias: 0.012, radius: 5 });
     const generator = new THREE.PMREMGenerator(this.renderer), sky = softboxes();
     this.scene.environment = generator.fromEquirectangular(sky).texture;
-    if (location.hash.includes("noenv")) this.scene.environment = null;
     this.scene.environmentIntensity = 0.62;
     generator.dispose();
     sky.dispose();
@@ -115,11 +109,14 @@ export class Studio {
   }
 
   ground() {
+    this.contact = new THREE.DataTexture(new Uint8Array(CELLS * CELLS), CELLS, CELLS, THREE.RedFormat);
+    this.contact.magFilter = this.contact.minFilter = THREE.LinearFilter;
+    this.contact.unpackAlignment = 1;
     const disc = new THREE.CircleGeometry(1, 48).rotateX(-Math.PI / 2);
     const material = new THREE.ShaderMaterial({
       uniforms: {
         middle: { value: new THREE.Vector3() }, grid: { value: new THREE.Vector4() }, strength: { value: 0.6 }, reach: { value: 4 },
-        blobs: { value: Array.from({ length: BLOBS }, () => new THREE.Vector4(0, 1, 0, 0)) },
+        contact: { value: this.contact }, corner: { value: new THREE.Vector2() },
       },
       vertexShader: "varying vec3 world; void main() { vec4 w = modelMatrix * vec4(position, 1.0); world = w.xyz; gl_Position = projectionMatrix * viewMatrix * w; }",
       fragmentShader: FLOOR, transparent: true, depthWrite: false, premultipliedAlpha: true, toneMapped: false,
@@ -152,6 +149,14 @@ export class Studio {
     this.key.castShadow = step.shadows;
     this.cast.visible = step.shadows;
     this.resize();
+  }
+
+  /** When nothing moves any more, draw once with four samples a pixel where the screen itself has no smoothing. */
+  settle(idle) {
+    const ratio = this.software && idle ? 2 : Math.min(devicePixelRatio, STEPS[this.level].dpr);
+    if (ratio === this.renderer.getPixelRatio()) return;
+    this.renderer.setPixelRatio(ratio);
+    this.stale = true;
   }
 
   get qualityName() { return STEPS[this.level].name; }
@@ -231,11 +236,26 @@ export class Studio {
     for (const end of this.flight ? [this.flight.from, this.flight.to] : []) { end.position.add(step); end.target.add(step); }
   }
 
-  /** Spheres [x, y, z, radius] that darken the floor below them; the strongest are kept. */
+  /** Contact shadow: how much of the sky the spheres [x, y, z, radius] hide from each cell of the floor around us. */
   shade(spheres) {
-    const strength = (s) => s[3] / Math.max(s[1], s[3]);
-    const best = spheres.sort((a, b) => strength(b) - strength(a)).slice(0, BLOBS);
-    this.floor.material.uniforms.blobs.value.forEach((v, i) => (best[i] ? v.fromArray(best[i]) : v.set(0, 1, 0, 0)));
+    const strength = (s) => s[3] / Math.max(s[1], s[3]), data = this.contact.image.data, cell = SPAN / CELLS;
+    const best = spheres.sort((a, b) => strength(b) - strength(a)).slice(0, BLOBS), open = this.open ??= new Float32Array(CELLS * CELLS);
+    const { x: mx, z: mz } = this.followed ?? this.controls.target, x0 = mx - SPAN / 2, z0 = mz - SPAN / 2;
+    open.fill(1);
+    for (const [x, y, z, r] of best) {
+      const h = Math.max(y, 0.6 * r), far = 5 * h + 4 * r; // beyond it less than 1 % is hidden
+      const from = (a) => Math.max(0, Math.floor((a - far) / cell)), to = (a) => Math.min(CELLS - 1, Math.ceil((a + far) / cell));
+      for (let i = from(z - z0); i <= to(z - z0); i++) for (let j = from(x - x0); j <= to(x - x0); j++) {
+        const dx = x0 + (j + 0.5) * cell - x, dz = z0 + (i + 0.5) * cell - z, q = dx * dx + dz * dz + y * y + 1e-6;
+        open[i * CELLS + j] *= 1 - Math.min(0.96, (r * r * h) / (q * Math.sqrt(q)));
+      }
+    }
+    for (let i = 0; i < CELLS; i++) for (let j = 0; j < CELLS; j++) {
+      const k = i * CELLS + j, rim = Math.min(i, j, CELLS - 1 - i, CELLS - 1 - j) / 14; // nothing at the border
+      data[k] = 255 * (1 - open[k]) * Math.min(1, rim);
+    }
+    this.contact.needsUpdate = true;
+    this.floor.material.uniforms.corner.value.set(x0, z0);
   }
 
   /** Draw if anything changed. Returns whether it drew. */
@@ -248,6 +268,7 @@ export class Studio {
       this.stale = true;
     }
     const moved = this.controls.update(dt);
+    this.moving = moved || Boolean(this.flight);
     if (!moved && !force && !this.stale) return false;
     this.stale = false;
     const middle = this.followed ?? this.controls.target;
@@ -274,6 +295,14 @@ export class Studio {
     this.quality(level);
     return blob;
   }
+}
+
+/** Does this browser draw without a graphics processor? Then the page starts with fewer effects. */
+function drawnBySoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const device = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(device);
 }
 
 /** A small light studio as an equirectangular picture: a warm floor, a soft dome, two big boxes. Linear values. */
