@@ -1,26 +1,36 @@
-// Signatures of the kernels; VT_NS is the namespace of one instruction set. Pointers are C-contiguous arrays that belong
-// to the caller; nothing is checked here.
+// Signatures of the kernels, and what they take. Pointers are C-contiguous arrays that belong to the caller; nothing is
+// checked here. VT_NS is the namespace of one instruction set.
 #pragma once
 #include <cstdint>
 
 namespace vt {
 
-// Vertices with the same padded number of influences, joined up at bind time. `influences` 0: rows of any length.
+// Vertices with the same padded number of influences, put together at bind time. Plain layout (linear): a row per
+// vertex. Lane layout (rigid): groups of eight vertices, each value of the row as eight lanes.
 struct Bucket {
-    int influences;        // 1, 2, 4, 8; 0 for rows
-    int64_t count;         // vertices
-    const float* rest;     // (count, 3)
-    const int32_t* joint;  // (count, influences), or (rows[count],); the largest weight first
-    const float* weight;   // as joint
-    const int32_t* row;    // (count + 1,) when influences is 0
-    const int32_t* target; // (count,) output vertex of each, or null: vertex i is output i
+    int influences;         // per vertex, padded with weight 0; 0 (linear only): rows of any length
+    int64_t count;          // vertices
+    const float* rest;      // (count, 3) or (groups, 3, 8)
+    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],); largest weight first
+    const float* weight;    // as joint
+    const int32_t* row;     // (count + 1,) when influences is 0
+    const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i
 };
 
-// Which vertices of a bucket to do, and how much of the result to use.
-struct Choice {
-    const int32_t* pick;  // (picked,) into the bucket, or null for all
-    int64_t picked;
-    const float* mix;     // (picked,) out = (1 - mix) out + mix result; null: out = result
+// Rigid blending of `frames` frames into out (frames, vertices, 3), or (frames, vertices, 12) with `whole`.
+struct RigidJob {
+    int64_t frames, vertices;
+    const float* table;      // (frames, rows, 8): dual quaternions of joints, or half twists
+    int64_t rows;
+    int steps;               // Karcher steps after the dual quaternion blend
+    const uint8_t* agree;    // (frames,) whether signs agree already; null: they do
+    bool twists;             // exp of the sum of the table's half twists, after the base motion
+    const float* bases;      // (frames, base_rows, 8) dual quaternions, or null for none
+    int64_t base_rows;
+    const int32_t* base;     // (groups, 8) row of `bases` of each vertex
+    const float* mix;        // (frames, vertices) share of the result in out; null: all of it
+    float* out;
+    bool whole;
 };
 
 }  // namespace vt
@@ -30,6 +40,14 @@ struct Choice {
     void forward_kinematics(int64_t first, int64_t last, int64_t joints, const int32_t* parent, const double* center, \
                             const double* rotation, const double* translation, int64_t translation_stride,            \
                             const double* root, const double* stretch, const double* binding, double* out);           \
+    void linear_table(int64_t count, const double* matrix, float* out);                                               \
+    void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table, \
+                float* out, int64_t stride, bool whole);                                                              \
+    void touch(const Bucket& bucket, int64_t first, int64_t last, float* out);                                        \
+    void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job);                               \
+    void face_normals(int64_t first, int64_t last, const float* points, const int32_t* triangle, float* out);         \
+    void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \
+                        const int32_t* point, float* out);                                                            \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

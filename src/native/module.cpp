@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "kernels.h"
+#include "motions.h"
 #include "parse.h"
 #include "threads.h"
 
@@ -56,8 +57,18 @@ nb::object parse_floats(nb::object text, int64_t expected) {
 struct Kernels {
     const char* name;
     decltype(&vt::base::forward_kinematics) forward_kinematics;
+    decltype(&vt::base::linear_table) linear_table;
+    decltype(&vt::base::linear) linear;
+    decltype(&vt::base::touch) touch;
+    decltype(&vt::base::rigid) rigid;
+    decltype(&vt::base::face_normals) face_normals;
+    decltype(&vt::base::vertex_normals) vertex_normals;
 };
-#define VT_KERNELS(NS) {#NS, vt::NS::forward_kinematics}
+#define VT_KERNELS(NS)                                                                                      \
+    {                                                                                                       \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch, vt::NS::rigid,               \
+            vt::NS::face_normals, vt::NS::vertex_normals                                                    \
+    }
 
 Kernels best() {
 #if defined(VT_HAVE_V3)
@@ -109,6 +120,118 @@ void forward_kinematics(Array<int32_t, 1> parent, Array<double, 2> center, Array
     });
 }
 
+// An uninitialised array that owns its memory.
+template <class T>
+nb::ndarray<nb::numpy, T> owned(std::initializer_list<size_t> shape) {
+    size_t size = 1;
+    for (size_t n : shape) size *= n;
+    T* values = new T[size ? size : 1];
+    nb::capsule owner(values, [](void* p) noexcept { delete[] static_cast<T*>(p); });
+    return nb::ndarray<nb::numpy, T>(values, shape, owner);
+}
+
+const int64_t kBlock = 512;  // vertices whose positions and weights stay in the cache for all frames
+
+int64_t blocks(int64_t count) { return (count + kBlock - 1) / kBlock; }
+int64_t stop(int64_t block, int64_t count) { return (block + 1) * kBlock < count ? (block + 1) * kBlock : count; }
+
+nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices) {
+    auto out = owned<float>({matrices.shape(0), matrices.shape(1), 16});
+    use.linear_table(int64_t(matrices.shape(0) * matrices.shape(1)), matrices.data(), out.data());
+    return out;
+}
+
+template <class T>
+using AnyArray = nb::ndarray<const T, nb::numpy, nb::c_contig, nb::device::cpu>;
+
+// out (F,V,3) points or (F,V,12) transforms.
+void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint, AnyArray<float> weight,
+            std::optional<Array<int32_t, 1>> row, std::optional<Array<int32_t, 1>> target, int influences,
+            int64_t count, Output<float, 3> out, int threads) {
+    check(joint.size() == weight.size() && int64_t(rest.size()) >= count * 3, "bucket does not fit together");
+    check(int64_t(joint.size()) >= count * influences && (influences > 0) == !row, "bucket does not fit together");
+    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
+    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target)};
+    const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
+    const int64_t stride = int64_t(out.shape(1) * out.shape(2));
+    const bool whole = out.shape(2) == 12;
+    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
+    each(blocks(count), workers, [&](int64_t i) {
+        use.linear(bucket, i * kBlock, stop(i, count), frames, joints, table.data(), out.data(), stride, whole);
+    });
+}
+
+void touch(AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
+    const int64_t count = int64_t(joint.shape(0));
+    check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
+    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr};
+    each(blocks(count), vt::threads_for(count, threads),
+         [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), out.data()); });
+}
+
+double deviation(Array<double, 4> matrices) {
+    return vt::deviation(int64_t(matrices.shape(0) * matrices.shape(1)), matrices.data());
+}
+
+nb::tuple dual_table(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<int32_t, 2> left, bool follow) {
+    const size_t frames = matrices.shape(0), joints = matrices.shape(1);
+    auto out = owned<float>({frames, joints + 1, 8});
+    auto agree = owned<uint8_t>({frames});
+    std::vector<double> scratch(4 * (joints + 1) + 8 * tree.shape(0));
+    vt::dual_table(int64_t(frames), int64_t(joints), matrices.data(), int64_t(tree.shape(0)), tree.data(),
+                   int64_t(left.shape(0)), left.data(), follow, out.data(), agree.data(), scratch.data());
+    return nb::make_tuple(out, agree);
+}
+
+// out (F,V,3) points or (F,V,12) transforms; `steps` -1 means that the table holds half twists.
+void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
+           std::optional<Array<float, 3>> bases, std::optional<AnyArray<int32_t>> base, Array<float, 3> rest,
+           Array<int32_t, 3> joint, Array<float, 3> weight, std::optional<Array<int32_t, 1>> target, int64_t count,
+           std::optional<Array<float, 2>> mix, Output<float, 3> out, int threads) {
+    const size_t groups = size_t(count + 7) / 8;
+    check(rest.shape(0) == groups && joint.shape(0) == groups && joint.shape(2) == 8, "bucket does not fit together");
+    check(joint.size() == weight.size() && (!base || base->size() == groups * 8), "bucket does not fit together");
+    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
+    check(!mix || (mix->shape(0) == out.shape(0) && mix->shape(1) == out.shape(1)), "mix does not fit");
+    const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target)};
+    vt::RigidJob job{};
+    job.frames = int64_t(out.shape(0));
+    job.vertices = int64_t(out.shape(1));
+    job.table = table.data();
+    job.rows = int64_t(table.shape(1));
+    job.steps = steps < 0 ? 0 : steps;
+    job.agree = data(agree);
+    job.twists = steps < 0;
+    job.bases = data(bases);
+    job.base_rows = bases ? int64_t(bases->shape(1)) : 0;
+    job.base = data(base);
+    job.mix = data(mix);
+    job.out = out.data();
+    job.whole = out.shape(2) == 12;
+    const int workers = vt::threads_for(count * (job.frames < 4 ? job.frames : 4), threads);
+    each(blocks(count), workers, [&](int64_t i) { use.rigid(bucket, i * kBlock, stop(i, count), job); });
+}
+
+// Unit normals out (F,V,3) of points (F,V,3).
+void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t, 1> row, Array<int32_t, 1> face,
+             Array<int32_t, 1> point, Output<float, 3> out, int threads) {
+    const int64_t frames = int64_t(points.shape(0)), vertices = int64_t(points.shape(1));
+    const int64_t count = int64_t(triangles.shape(0));
+    check(out.shape(0) == points.shape(0) && out.shape(1) == points.shape(1), "out does not fit");
+    std::vector<float> faces(size_t(count) * 3);
+    const int workers = vt::threads_for(vertices, threads);
+    for (int64_t f = 0; f < frames; ++f) {
+        const float* p = points.data() + f * vertices * 3;
+        float* o = out.data() + f * vertices * 3;
+        each(blocks(count), workers, [&](int64_t i) {
+            use.face_normals(i * kBlock, stop(i, count), p, triangles.data(), faces.data());
+        });
+        each(blocks(vertices), workers, [&](int64_t i) {
+            use.vertex_normals(i * kBlock, stop(i, vertices), faces.data(), row.data(), face.data(), point.data(), o);
+        });
+    }
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -122,5 +245,18 @@ NB_MODULE(_native, m) {
     m.def("forward_kinematics", &forward_kinematics, nb::arg("parent"), nb::arg("center"), nb::arg("rotation"),
           nb::arg("translation"), nb::arg("root").none(), nb::arg("stretch").none(), nb::arg("binding").none(),
           nb::arg("out"), nb::arg("threads") = 0);
+    m.def("linear_table", &linear_table, nb::arg("matrices"));
+    m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
+          nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
+          nb::arg("threads") = 0);
+    m.def("touch", &touch, nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
+          nb::arg("threads") = 0);
+    m.def("deviation", &deviation, nb::arg("matrices"));
+    m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"));
+    m.def("rigid", &rigid, nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(), nb::arg("bases").none(),
+          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("target").none(),
+          nb::arg("count"), nb::arg("mix").none(), nb::arg("out"), nb::arg("threads") = 0);
+    m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
+          nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);
 }

@@ -1,0 +1,184 @@
+"""Skinning against UsdSkel, against the memory it has to touch, and the operators against each other.
+
+Everything of one row runs in one process, taking turns; times are medians. Run: python benchmarks/skin.py [--quick]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from vitruvian.body.kinematics import pose_matrices
+from vitruvian.body.rotations import from_vector
+from vitruvian.body.types import Body, Skeleton, Skin, Weights
+from vitruvian.deform.deformer import Deformer, deformer
+from vitruvian.native import kernels
+
+
+def figure(vertices: int, joints: int = 64, influences: int = 4, seed: int = 0) -> Body:
+    """A tube around a chain of joints, each vertex on its nearest joints: coherent in memory, as real meshes are."""
+    rng = np.random.default_rng(seed)
+    height = np.linspace(0, 1.7, vertices)
+    turn = np.arange(vertices) * 2.4
+    rest = np.stack([0.1 * np.cos(turn), height, 0.1 * np.sin(turn)], axis=1)
+    centers = np.zeros((joints, 3))
+    centers[:, 1] = np.linspace(0, 1.7, joints)
+    first = np.clip(np.floor(height / 1.7 * (joints - 1)).astype(int) - influences // 2 + 1, 0, joints - influences)
+    joint = first[:, None] + np.arange(influences)
+    weight = np.exp(-(((height[:, None] - centers[joint, 1]) * joints / 1.7) ** 2)) + rng.uniform(0, 0.05, joint.shape)
+    weight /= weight.sum(axis=1, keepdims=True)
+    names = tuple(f"j{i}" for i in range(joints))
+    skeleton = Skeleton(names, np.arange(-1, joints - 1), centers)
+    vertex = np.repeat(np.arange(vertices), influences)
+    weights = Weights.from_pairs(vertices, vertex, joint.ravel(), weight.ravel())
+    ring = np.arange(vertices - 2)
+    return Body("tube", skeleton, Skin(rest, np.stack([ring, ring + 1, ring + 2], axis=1), weights))
+
+
+def poses(body: Body, frames: int, angle: float = 0.25, seed: int = 1) -> np.ndarray:
+    """Joint matrices of random turns, (F,J,4,4)."""
+    rng = np.random.default_rng(seed)
+    turns = from_vector(rng.normal(scale=angle, size=(frames, len(body.skeleton), 3)))
+    return pose_matrices(body.skeleton, turns, rng.normal(scale=0.02, size=(frames, len(body.skeleton), 3)))
+
+
+def interleaved(tasks: dict[str, Callable[[], object]], seconds: float) -> dict[str, float]:
+    """Median time of each task, the tasks taking turns for about that long in all."""
+    times: dict[str, list[float]] = {name: [] for name in tasks}
+    for task in tasks.values():
+        task()
+    stop = time.perf_counter() + seconds
+    while time.perf_counter() < stop or len(next(iter(times.values()))) < 5:
+        for name, task in tasks.items():
+            start = time.perf_counter()
+            task()
+            times[name].append(time.perf_counter() - start)
+    return {name: float(np.median(t)) for name, t in times.items()}
+
+
+class Usd:
+    """UsdSkel's skinning of a body with the same number of influences on every vertex."""
+
+    def __init__(self, body: Body, matrices: np.ndarray):
+        from pxr import Gf, UsdSkel, Vt
+
+        k = int(body.skin.weights.counts.max())
+        joints, weights = body.skin.weights.top(k)
+        self.skin, self.identity, self.k = UsdSkel.SkinPoints, Gf.Matrix4d(1), k
+        self.rest = body.skin.rest.astype(np.float32)
+        self.matrices = Vt.Matrix4dArray.FromNumpy(np.ascontiguousarray(matrices.swapaxes(-1, -2)))
+        self.joints = Vt.IntArray.FromNumpy(np.ascontiguousarray(joints.ravel()))
+        self.weights = Vt.FloatArray.FromNumpy(np.ascontiguousarray(weights.ravel().astype(np.float32)))
+        self.vectors = Vt.Vec3fArray.FromNumpy
+        self.points = self.vectors(self.rest)
+
+    def __call__(self, method: str = "classicLinear") -> None:
+        """Skins `points` in place, whatever they are: the time does not depend on their values."""
+        self.skin(method, self.identity, self.matrices, self.joints, self.weights, self.k, self.points)
+
+    def fresh(self, method: str = "classicLinear") -> np.ndarray:
+        """The skinned rest positions."""
+        self.points = self.vectors(self.rest)
+        self(method)
+        result = np.array(self.points)
+        self.points = self.vectors(self.rest)
+        return result
+
+
+def row(name: str, ours: float, peer: str, peer_s: float, ratio: float, goal: str, holds: bool) -> dict[str, object]:
+    return {
+        "name": name,
+        "ours_s": ours,
+        "peer": peer,
+        "peer_s": peer_s,
+        "ratio": round(ratio, 3),
+        "goal": goal,
+        "holds": holds,
+    }
+
+
+def rows(quick: bool = False) -> list[dict[str, object]]:
+    """The benchmark's rows; `quick` leaves out the largest mesh and measures for a shorter time."""
+    native = kernels()
+    if native is None:
+        return []
+    seconds = 1.0 if quick else 4.0
+    out: list[dict[str, object]] = []
+    for vertices, goal in ((10_000, 4.0), (100_000, 8.0), (1_000_000, 8.0)):
+        if quick and vertices > 100_000:
+            continue
+        label = f"{vertices // 1000}k vertices, 4 influences"
+        body = figure(vertices)
+        matrices = poses(body, 1)
+        result = np.empty((1, vertices, 3), np.float32)
+        bound = {n: deformer(n, body) for n in ("linear", "dual-quaternion", "log", "log-pair", "hybrid")}
+        run = {n: _task(d, matrices, result) for n, d in bound.items()}
+        usd = Usd(body, matrices[0])
+        usd_dq = Usd(body, matrices[0])
+        error = float(np.abs(run["linear"]()[0] - usd.fresh()).max())
+        out.append(row(f"linear agrees with UsdSkel, {label}", error, "UsdSkel", 0.0, error, "<= 1e-05", error <= 1e-5))
+        error = float(np.abs(run["dual-quaternion"]()[0] - usd_dq.fresh("dualQuaternion")).max())
+        name = f"dual-quaternion agrees with UsdSkel, {label}"
+        out.append(row(name, error, "UsdSkel", 0.0, error, "<= 1e-05", error <= 1e-5))
+
+        (bucket,) = bound["linear"].operator.buckets  # type: ignore[attr-defined]
+        tasks: dict[str, Callable[[], object]] = dict(run)
+        table = native.linear_table(matrices)
+        b = bucket
+        tasks["kernel"] = lambda: native.linear(  # noqa: B023
+            table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, result, 0
+        )
+        tasks["touch"] = lambda: native.touch(b.rest, b.joint, b.weight, result[0], 0)  # noqa: B023
+        tasks["usd"] = usd
+        tasks["usd-dq"] = lambda: usd_dq("dualQuaternion")  # noqa: B023
+        t = interleaved(tasks, seconds * (2 if vertices > 100_000 else 1))
+
+        ratio = t["usd"] / t["linear"]
+        out.append(row(f"linear, {label}", t["linear"], "UsdSkel", t["usd"], ratio, f">= {goal:g}", ratio >= goal))
+        ratio = t["usd-dq"] / t["dual-quaternion"]
+        name = f"dual-quaternion, {label}"
+        out.append(row(name, t["dual-quaternion"], "UsdSkel", t["usd-dq"], ratio, ">= 3", ratio >= 3))
+        for other, limit in (("log", 1.7), ("dual-quaternion", 2.0), ("log-pair", 2.0), ("hybrid", 3.0)):
+            ratio = t[other] / t["linear"]
+            name = f"{other} over linear, {label}"
+            out.append(row(name, t[other], "linear", t["linear"], ratio, f"<= {limit:g}", ratio <= limit))
+        if vertices >= 100_000:
+            limit = 1.5 if vertices < 1_000_000 else 1.3
+            ratio = t["kernel"] / t["touch"]
+            name = f"linear kernel over touching its memory, {label}"
+            out.append(row(name, t["kernel"], "touch", t["touch"], ratio, f"<= {limit:g}", ratio <= limit))
+    out += _batch(seconds)
+    return out
+
+
+def _task(d: Deformer, matrices: np.ndarray, result: np.ndarray) -> Callable[[], np.ndarray]:
+    return lambda: d(matrices, out=result)
+
+
+def _batch(seconds: float) -> list[dict[str, object]]:
+    """One hundred frames at once against one by one."""
+    body = figure(10_000)
+    matrices = poses(body, 100)
+    result = np.empty((100, 10_000, 3), np.float32)
+    d = deformer("linear", body)
+
+    def singly() -> None:
+        for f in range(100):
+            d(matrices[f], out=result[f])
+
+    t = interleaved({"batch": lambda: d(matrices, out=result), "singly": singly}, seconds)
+    ratio = t["singly"] / t["batch"]
+    return [row("linear, 100 frames of 10k at once", t["batch"], "one by one", t["singly"], ratio, ">= 2", ratio >= 2)]
+
+
+def main() -> None:
+    for r in rows("--quick" in sys.argv):
+        mark = "ok  " if r["holds"] else "MISS"
+        print(f"{mark} {r['name']:62s} {r['ours_s']:.3e}  {r['peer']} {r['peer_s']:.3e}  {r['ratio']:9.3g} {r['goal']}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+// Vectors of 4 and 8 floats: compiler vectors with GCC and Clang (which lower them to what the processor has), plain
+// loops elsewhere. Everything here is internal to one instruction set.
+#pragma once
+#include <cstdint>
+#include <cstring>
+#include <math.h>
+
+namespace vt::VT_NS {
+
+#if defined(__GNUC__) || defined(__clang__)
+#define VT_VECTORS 1
+typedef float f4 __attribute__((vector_size(16)));
+typedef float f8 __attribute__((vector_size(32)));
+#if defined(__clang__) || __GNUC__ >= 12
+#define VT_SHUFFLE4(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#define VT_SHUFFLE8(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+typedef int32_t i4 __attribute__((vector_size(16)));
+typedef int32_t i8 __attribute__((vector_size(32)));
+#define VT_SHUFFLE8(a, b, ...) __builtin_shuffle(a, b, (i8){__VA_ARGS__})
+#endif
+static inline f8 all(float x) { return f8{x, x, x, x, x, x, x, x}; }
+static inline f8 where_negative(f8 x, f8 yes, f8 no) { return x < 0.0f ? yes : no; }
+#else
+template <int N>
+struct Lanes {
+    float v[N];
+    float operator[](int i) const { return v[i]; }
+    float& operator[](int i) { return v[i]; }
+};
+#define VT_LANES_OPERATOR(op)                                                                        \
+    template <int N>                                                                                 \
+    static inline Lanes<N> operator op(Lanes<N> a, Lanes<N> b) {                                     \
+        for (int i = 0; i < N; ++i) a.v[i] = a.v[i] op b.v[i];                                       \
+        return a;                                                                                    \
+    }                                                                                                \
+    template <int N>                                                                                 \
+    static inline Lanes<N> operator op(Lanes<N> a, float b) {                                        \
+        for (int i = 0; i < N; ++i) a.v[i] = a.v[i] op b;                                            \
+        return a;                                                                                    \
+    }                                                                                                \
+    template <int N>                                                                                 \
+    static inline Lanes<N> operator op(float a, Lanes<N> b) {                                        \
+        for (int i = 0; i < N; ++i) b.v[i] = a op b.v[i];                                            \
+        return b;                                                                                    \
+    }
+VT_LANES_OPERATOR(+)
+VT_LANES_OPERATOR(-)
+VT_LANES_OPERATOR(*)
+VT_LANES_OPERATOR(/)
+template <int N>
+static inline Lanes<N>& operator+=(Lanes<N>& a, Lanes<N> b) {
+    return a = a + b;
+}
+typedef Lanes<4> f4;
+typedef Lanes<8> f8;
+static inline f8 all(float x) { return f8{{x, x, x, x, x, x, x, x}}; }
+static inline f8 where_negative(f8 x, f8 yes, f8 no) {
+    for (int i = 0; i < 8; ++i) no.v[i] = x.v[i] < 0.0f ? yes.v[i] : no.v[i];
+    return no;
+}
+#endif
+
+static inline f4 load4(const float* p) {
+    f4 v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
+static inline f8 load8(const float* p) {
+    f8 v;
+    memcpy(&v, p, sizeof v);
+    return v;
+}
+static inline void store4(float* p, f4 v) { memcpy(p, &v, sizeof v); }
+static inline void store8(float* p, f8 v) { memcpy(p, &v, sizeof v); }
+
+static inline f8 root(f8 x) {
+    float v[8];
+    store8(v, x);
+    for (int i = 0; i < 8; ++i) v[i] = sqrtf(v[i]);
+    return load8(v);
+}
+
+static inline bool any_below(f8 x, float limit) {
+    float v[8];
+    store8(v, x);
+    int found = 0;
+    for (int i = 0; i < 8; ++i) found |= v[i] < limit;
+    return found;
+}
+
+// Columns of 8 rows of 8 floats: out[k] lane l = row l, place k.
+static inline void transpose(const float* const row[8], f8 out[8]) {
+#if defined(VT_VECTORS)
+    for (int half = 0; half < 2; ++half) {
+        f8 r[4];
+        for (int i = 0; i < 4; ++i) {
+            const f4 a = load4(row[i] + 4 * half), b = load4(row[i + 4] + 4 * half);
+            memcpy(&r[i], &a, 16);
+            memcpy(reinterpret_cast<char*>(&r[i]) + 16, &b, 16);
+        }
+        const f8 t0 = VT_SHUFFLE8(r[0], r[1], 0, 8, 1, 9, 4, 12, 5, 13);
+        const f8 t1 = VT_SHUFFLE8(r[0], r[1], 2, 10, 3, 11, 6, 14, 7, 15);
+        const f8 t2 = VT_SHUFFLE8(r[2], r[3], 0, 8, 1, 9, 4, 12, 5, 13);
+        const f8 t3 = VT_SHUFFLE8(r[2], r[3], 2, 10, 3, 11, 6, 14, 7, 15);
+        out[4 * half + 0] = VT_SHUFFLE8(t0, t2, 0, 1, 8, 9, 4, 5, 12, 13);
+        out[4 * half + 1] = VT_SHUFFLE8(t0, t2, 2, 3, 10, 11, 6, 7, 14, 15);
+        out[4 * half + 2] = VT_SHUFFLE8(t1, t3, 0, 1, 8, 9, 4, 5, 12, 13);
+        out[4 * half + 3] = VT_SHUFFLE8(t1, t3, 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+#else
+    for (int k = 0; k < 8; ++k)
+        for (int l = 0; l < 8; ++l) out[k][l] = row[l][k];
+#endif
+}
+
+}  // namespace vt::VT_NS

@@ -1,0 +1,118 @@
+// Linear blend skinning: A = I + sum w (M - I), exact when weights do not sum to one (ISO/IEC 19774-1, skinCoordWeight).
+#include "kernels.h"
+#include "lanes.h"
+
+namespace vt::VT_NS {
+
+// Matrices (n,4,4) float64 to M - I as four columns of three floats and a zero, (n,16).
+void linear_table(int64_t count, const double* matrix, float* out) {
+    for (int64_t n = 0; n < count; ++n)
+        for (int c = 0; c < 4; ++c) {
+            for (int r = 0; r < 3; ++r) out[n * 16 + c * 4 + r] = float(matrix[n * 16 + r * 4 + c] - (r == c ? 1 : 0));
+            out[n * 16 + c * 4 + 3] = 0.0f;
+        }
+}
+
+namespace {
+
+struct Blend {
+    f8 xy, zt;  // columns x, y and z, translation of A - I
+};
+
+inline f4 low(f8 v) {
+    f4 r;
+    memcpy(&r, &v, 16);
+    return r;
+}
+inline f4 high(f8 v) {
+    f4 r;
+    memcpy(&r, reinterpret_cast<const char*>(&v) + 16, 16);
+    return r;
+}
+
+template <int K>
+inline Blend blend(const float* table, const int32_t* joint, const float* weight, int64_t count) {
+    const int64_t n = K ? K : count;
+    Blend b;
+    b.xy = b.zt = all(0.0f);
+    for (int64_t k = 0; k < n; ++k) {
+        const float* m = table + int64_t(joint[k]) * 16;
+        b.xy += load8(m) * weight[k];
+        b.zt += load8(m + 8) * weight[k];
+    }
+    return b;
+}
+
+inline f4 move(const Blend& b, const float* p) {
+    return low(b.xy) * p[0] + high(b.xy) * p[1] + low(b.zt) * p[2] + high(b.zt);
+}
+
+template <int K>
+void points(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
+    for (int64_t i = first; i < last; ++i) {
+        const int64_t entry = K ? i * K : bucket.row[i];
+        const int64_t count = K ? K : bucket.row[i + 1] - entry;
+        const float* p = bucket.rest + i * 3;
+        const f4 moved = move(blend<K>(table, bucket.joint + entry, bucket.weight + entry, count), p);
+        float* o = out + 3 * (bucket.target ? bucket.target[i] : i);
+        o[0] = p[0] + moved[0];
+        o[1] = p[1] + moved[1];
+        o[2] = p[2] + moved[2];
+    }
+}
+
+template <int K>
+void frames(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
+    for (int64_t i = first; i < last; ++i) {
+        const int64_t entry = K ? i * K : bucket.row[i];
+        const int64_t count = K ? K : bucket.row[i + 1] - entry;
+        const Blend b = blend<K>(table, bucket.joint + entry, bucket.weight + entry, count);
+        const f4 column[4] = {low(b.xy), high(b.xy), low(b.zt), high(b.zt)};
+        float* o = out + 12 * (bucket.target ? bucket.target[i] : i);
+        for (int r = 0; r < 3; ++r)
+            for (int c = 0; c < 4; ++c) o[r * 4 + c] = column[c][r] + (r == c ? 1.0f : 0.0f);
+    }
+}
+
+template <int K>
+void run(const Bucket& bucket, int64_t first, int64_t last, int64_t count, int64_t joints, const float* table,
+         float* out, int64_t stride, bool whole) {
+    for (int64_t f = 0; f < count; ++f) {
+        if (whole)
+            frames<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
+        else
+            points<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
+    }
+}
+
+}  // namespace
+
+// Vertices [first, last) of a bucket in `frames` frames; table (frames, joints, 16); out with `stride` floats between
+// frames, three numbers per vertex, or with `whole` the twelve of A.
+void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table,
+            float* out, int64_t stride, bool whole) {
+    switch (bucket.influences) {
+        case 1: return run<1>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 2: return run<2>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 4: return run<4>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 8: return run<8>(bucket, first, last, frames, joints, table, out, stride, whole);
+        default: return run<0>(bucket, first, last, frames, joints, table, out, stride, whole);
+    }
+}
+
+// What `linear` of four influences cannot go below: the same reads of positions, joints and weights and the same writes,
+// without the matrices. For benchmarks.
+void touch(const Bucket& bucket, int64_t first, int64_t last, float* out) {
+    for (int64_t i = first; i < last; ++i) {
+        const int32_t* j = bucket.joint + i * 4;
+        const float* w = bucket.weight + i * 4;
+        const float* p = bucket.rest + i * 3;
+        const float t = w[0] + w[1] + w[2] + w[3] + float(j[0] ^ j[1] ^ j[2] ^ j[3]);
+        float* o = out + i * 3;
+        o[0] = p[0] + t;
+        o[1] = p[1] + t;
+        o[2] = p[2] + t;
+    }
+}
+
+}  // namespace vt::VT_NS

@@ -1,0 +1,297 @@
+// Operators that blend rigid motions, eight vertices at a time.
+//
+// Dual quaternions: L. Kavan et al., "Geometric Skinning with Approximate Dual Quaternion Blending" (2008).
+// Karcher step A <- A exp(sum w log(A^-1 M)) without leaving dual quaternions: log(A^-1 q) is the vector part of
+// A^-1 q times f(c), with c = A . q a dual number and f(c) = acos(c) / sqrt(1 - c^2). Dual numbers commute, so the sum
+// is the vector part of A^-1 B with B = sum w f(c) q: one more blend, with other weights. As |A| = 1, its length is
+// n = B . B - s^2 with s = A . B, and A exp(.) = A (C(n) - S(n) s) + S(n) B with C = cos sqrt(n), S = sin sqrt(n) /
+// sqrt(n), all dual numbers. No trigonometry, no product of quaternions.
+#include "kernels.h"
+#include "lanes.h"
+
+namespace vt::VT_NS {
+
+namespace {
+
+struct Dual {
+    f8 v[8];  // x y z w, then the dual part
+};
+
+inline f8 dot(const f8* a, const f8* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]; }
+
+inline Dual gather(const float* table, const int32_t* index) {
+    const float* row[8];
+    for (int l = 0; l < 8; ++l) row[l] = table + int64_t(index[l]) * 8;
+    Dual d;
+    transpose(row, d.v);
+    return d;
+}
+
+// Sum of weight times row over the influences of each of eight vertices, by columns.
+template <int K>
+inline Dual sum_rows(const float* table, const int32_t* joint, const float* weight, int n) {
+    alignas(32) float rows[8][8];
+    const float* row[8];
+    for (int l = 0; l < 8; ++l) {
+        f8 total = all(0.0f);
+        for (int k = 0; k < (K ? K : n); ++k)
+            total += load8(table + int64_t(joint[k * 8 + l]) * 8) * weight[k * 8 + l];
+        store8(rows[l], total);
+        row[l] = rows[l];
+    }
+    Dual d;
+    transpose(row, d.v);
+    return d;
+}
+
+// f(c) = acos(c) / sqrt(1 - c^2) and its derivative, for c > -1. Least maximal error polynomials on 0.6..1 (2e-8 and
+// 8e-8); below, the half angle twice: with h = sqrt((1 + c) / 2), f(c) = f(h) / h.
+inline f8 near_f(f8 d) {
+    return 0.999999978f +
+           d * (0.333337117f + d * (0.133226849f + d * (0.0582286177f + d * (0.0205011702f + d * 0.0211345885f))));
+}
+inline f8 near_slope(f8 d) {
+    return -0.333333281f -
+           d * (0.266679058f + d * (0.171062419f + d * (0.1053815f + d * (0.0405607865f + d * 0.0652510561f))));
+}
+inline void angle_over_sine(f8 c, f8& f, f8& slope) {
+    const f8 d = 1.0f - c;
+    f = near_f(d);
+    slope = near_slope(d);
+    if (!any_below(c, 0.6f)) return;
+    const f8 kept = where_negative(c + 0.999f, all(-0.999f), c);
+    const f8 h = root(0.5f + 0.5f * kept), g = root(0.5f + 0.5f * h);
+    const f8 far = near_f(1.0f - g) / (h * g);
+    const f8 far_slope = (kept * far - 1.0f) / (1.0f - kept * kept);
+    f = where_negative(c - 0.6f, far, f);
+    slope = where_negative(c - 0.6f, far_slope, slope);
+}
+
+// cos sqrt(n), sin sqrt(n) / sqrt(n) and the derivative of the latter, n in 0..10 (Taylor; 1e-9 at the n = 2.5 of a
+// half turn's half angle).
+inline void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
+    c = 1.0f + n * (-1.0f / 2 + n * (1.0f / 24 + n * (-1.0f / 720 + n * (1.0f / 40320 + n * (-1.0f / 3628800 +
+        n * (1.0f / 479001600))))));
+    s = 1.0f + n * (-1.0f / 6 + n * (1.0f / 120 + n * (-1.0f / 5040 + n * (1.0f / 362880 + n * (-1.0f / 39916800)))));
+    slope = -1.0f / 6 + n * (1.0f / 60 + n * (-1.0f / 1680 + n * (1.0f / 90720 + n * (-1.0f / 7983360))));
+}
+
+// Makes the real part one long; where it has no length, the motion of the first influence.
+inline void normalise(Dual& b, const float* table, const int32_t* joint) {
+    f8 length = dot(b.v, b.v);
+    if (any_below(length, 1e-14f)) {
+        float v[8][8], size[8];
+        store8(size, length);
+        for (int c = 0; c < 8; ++c) store8(v[c], b.v[c]);
+        for (int l = 0; l < 8; ++l)
+            if (size[l] < 1e-14f)
+                for (int c = 0; c < 8; ++c) v[c][l] = table[int64_t(joint[l]) * 8 + c];
+        for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
+        length = dot(b.v, b.v);
+    }
+    const f8 inverse = 1.0f / root(length);
+    for (f8& c : b.v) c = c * inverse;
+}
+
+inline void perpendicular(Dual& b) {
+    const f8 along = dot(b.v, b.v + 4);
+    for (int c = 0; c < 4; ++c) b.v[4 + c] = b.v[4 + c] - b.v[c] * along;
+}
+
+// Blended motion of eight vertices. `flip`: signs are to be chosen against the first influence.
+template <int K>
+inline Dual blend(const float* table, const int32_t* joint, const float* weight, int n, int steps, bool flip) {
+    constexpr int kept = K ? K : 1;
+    if (K == 1) return gather(table, joint);
+    if (steps == 0 && !flip) {
+        Dual b = sum_rows<K>(table, joint, weight, n);
+        normalise(b, table, joint);
+        return b;
+    }
+    Dual store[kept];
+    auto influence = [&](int k) {
+        Dual q = gather(table, joint + k * 8);
+        if (flip && k) {
+            const f8 d = dot(q.v, K ? store[0].v : gather(table, joint).v);
+            for (f8& c : q.v) c = where_negative(d, 0.0f - c, c);
+        }
+        return q;
+    };
+    Dual a;
+    for (int k = 0; k < (K ? K : n); ++k) {
+        const Dual q = influence(k);
+        if (K) store[K ? k : 0] = q;
+        const f8 w = load8(weight + k * 8);
+        for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
+    }
+    normalise(a, table, joint);
+    if (steps) perpendicular(a);
+    for (int step = 0; step < steps; ++step) {
+        Dual b;
+        for (f8& c : b.v) c = all(0.0f);
+        for (int k = 0; k < (K ? K : n); ++k) {
+            const Dual q = K ? store[K ? k : 0] : influence(k);
+            const f8 w = load8(weight + k * 8);
+            f8 f, slope;
+            angle_over_sine(dot(a.v, q.v), f, slope);
+            const f8 g = w * slope * (dot(a.v, q.v + 4) + dot(a.v + 4, q.v));
+            f = w * f;
+            for (int c = 0; c < 4; ++c) {
+                b.v[c] += f * q.v[c];
+                b.v[4 + c] += f * q.v[4 + c] + g * q.v[c];
+            }
+        }
+        const f8 s = dot(a.v, b.v), s_dual = dot(a.v, b.v + 4) + dot(a.v + 4, b.v);
+        const f8 length = dot(b.v, b.v) - s * s, length_dual = 2.0f * (dot(b.v, b.v + 4) - s * s_dual);
+        f8 cosine, sine, slope;
+        cosine_sine(length, cosine, sine, slope);
+        const f8 sine_dual = slope * length_dual;
+        const f8 keep = cosine - sine * s;
+        const f8 keep_dual = -0.5f * sine * length_dual - sine_dual * s - sine * s_dual;
+        for (int c = 0; c < 4; ++c) {
+            const f8 real = keep * a.v[c] + sine * b.v[c];
+            a.v[4 + c] = keep * a.v[4 + c] + keep_dual * a.v[c] + sine * b.v[4 + c] + sine_dual * b.v[c];
+            a.v[c] = real;
+        }
+    }
+    return a;
+}
+
+// Quaternion product.
+inline void times(const f8* a, const f8* b, f8* out) {
+    out[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1];
+    out[1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0];
+    out[2] = a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3];
+    out[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2];
+}
+
+// exp of the blended half twists (x y z 0, then the dual part), after the motion of the base joint.
+template <int K>
+inline Dual blend_twists(const float* table, const int32_t* index, const float* weight, int n, const float* bases,
+                         const int32_t* base) {
+    const Dual h = sum_rows<K>(table, index, weight, n);
+    const f8 *v = h.v, *d = h.v + 4;
+    const f8 length = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+    const f8 length_dual = 2.0f * (v[0] * d[0] + v[1] * d[1] + v[2] * d[2]);
+    f8 cosine, sine, slope;
+    cosine_sine(length, cosine, sine, slope);
+    Dual e;
+    for (int c = 0; c < 3; ++c) {
+        e.v[c] = sine * v[c];
+        e.v[4 + c] = sine * d[c] + slope * length_dual * v[c];
+    }
+    e.v[3] = cosine;
+    e.v[7] = -0.5f * sine * length_dual;
+    if (!bases) return e;
+    const Dual b = gather(bases, base);
+    Dual out;
+    f8 other[4];
+    times(b.v, e.v, out.v);
+    times(b.v, e.v + 4, out.v + 4);
+    times(b.v + 4, e.v, other);
+    for (int c = 0; c < 4; ++c) out.v[4 + c] += other[c];
+    return out;
+}
+
+inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 moved[3], const float* mix, float* out) {
+    float v[3][8];
+    for (int c = 0; c < 3; ++c) store8(v[c], moved[c]);
+    const int64_t count = last - place < 8 ? last - place : 8;
+    if (mix) {
+        for (int64_t l = 0; l < count; ++l) {
+            const int64_t t = bucket.target ? bucket.target[place + l] : place + l;
+            for (int c = 0; c < 3; ++c) out[3 * t + c] += mix[t] * (v[c][l] - out[3 * t + c]);
+        }
+    } else if (bucket.target || count < 8) {
+        for (int64_t l = 0; l < count; ++l) {
+            float* o = out + 3 * (bucket.target ? bucket.target[place + l] : place + l);
+            o[0] = v[0][l];
+            o[1] = v[1][l];
+            o[2] = v[2][l];
+        }
+    } else {
+        float* o = out + 3 * place;
+        for (int l = 0; l < 8; ++l)
+            for (int c = 0; c < 3; ++c) o[3 * l + c] = v[c][l];
+    }
+}
+
+// p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part.
+inline void move(const Dual& a, const float* rest, f8 out[3]) {
+    const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7];
+    const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+    f8 c[3];
+    for (int i = 0; i < 3; ++i) {
+        const int j = i == 2 ? 0 : i + 1, k = i == 0 ? 2 : i - 1;
+        c[i] = u[j] * p[k] - u[k] * p[j] + w * p[i] + e[i];
+    }
+    for (int i = 0; i < 3; ++i) {
+        const int j = i == 2 ? 0 : i + 1, k = i == 0 ? 2 : i - 1;
+        out[i] = p[i] + 2.0f * (u[j] * c[k] - u[k] * c[j] + w * e[i] - ew * u[i]);
+    }
+}
+
+inline void write_frames(const Bucket& bucket, int64_t place, int64_t last, const Dual& a, float* out) {
+    const f8 x = a.v[0], y = a.v[1], z = a.v[2], w = a.v[3], ex = a.v[4], ey = a.v[5], ez = a.v[6], ew = a.v[7];
+    const f8 m[12] = {1.0f - 2.0f * (y * y + z * z), 2.0f * (x * y - z * w), 2.0f * (x * z + y * w),
+                      2.0f * (w * ex - ew * x + y * ez - z * ey),
+                      2.0f * (x * y + z * w), 1.0f - 2.0f * (x * x + z * z), 2.0f * (y * z - x * w),
+                      2.0f * (w * ey - ew * y + z * ex - x * ez),
+                      2.0f * (x * z - y * w), 2.0f * (y * z + x * w), 1.0f - 2.0f * (x * x + y * y),
+                      2.0f * (w * ez - ew * z + x * ey - y * ex)};
+    float v[12][8];
+    for (int c = 0; c < 12; ++c) store8(v[c], m[c]);
+    for (int64_t l = 0; l < 8 && place + l < last; ++l) {
+        float* o = out + 12 * (bucket.target ? bucket.target[place + l] : place + l);
+        for (int c = 0; c < 12; ++c) o[c] = v[c][l];
+    }
+}
+
+// Whether nothing of this group is wanted.
+inline bool unwanted(const Bucket& bucket, int64_t place, int64_t last, const float* mix) {
+    for (int64_t l = 0; l < 8 && place + l < last; ++l)
+        if (mix[bucket.target ? bucket.target[place + l] : place + l] != 0.0f) return false;
+    return true;
+}
+
+template <int K>
+void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
+    const int n = bucket.influences;
+    const int64_t vertices = job.vertices;
+    for (int64_t f = 0; f < job.frames; ++f) {
+        const float* table = job.table + f * job.rows * 8;
+        const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
+        const float* mix = job.mix ? job.mix + f * vertices : nullptr;
+        float* out = job.out + f * vertices * (job.whole ? 12 : 3);
+        const bool flip = job.agree && !job.agree[f];
+        for (int64_t place = first; place < last; place += 8) {
+            if (mix && unwanted(bucket, place, last, mix)) continue;
+            const int32_t* joint = bucket.joint + place * n;
+            const float* weight = bucket.weight + place * n;
+            const Dual a = job.twists ? blend_twists<K>(table, joint, weight, n, bases, job.base + place)
+                                      : blend<K>(table, joint, weight, n, job.steps, flip);
+            if (job.whole) {
+                write_frames(bucket, place, last, a, out);
+            } else {
+                f8 moved[3];
+                move(a, bucket.rest + place * 3, moved);
+                write(bucket, place, last, moved, mix, out);
+            }
+        }
+    }
+}
+
+}  // namespace
+
+// Vertices [first, last) of a bucket in lane layout; `first` is a multiple of 8.
+void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
+    switch (bucket.influences) {
+        case 1: return run<1>(bucket, first, last, job);
+        case 2: return run<2>(bucket, first, last, job);
+        case 4: return run<4>(bucket, first, last, job);
+        case 8: return run<8>(bucket, first, last, job);
+        default: return run<0>(bucket, first, last, job);
+    }
+}
+
+}  // namespace vt::VT_NS

@@ -1,0 +1,183 @@
+"""Deformers: a body and joint matrices in, vertices, per-vertex frames and normals out.
+
+Every operator blends the matrices M_i of the joints of a vertex with weights w_i into A, and moves the rest point by A:
+
+- "linear": A = sum w_i M_i; weights that do not sum to one leave the rest in place: p' = p + sum w_i (M_i p - p).
+- "dual-quaternion": the normalised sum of w_i times the dual quaternions of M_i.
+- "log" (the default of the package): A_0 of "dual-quaternion", then `steps` times A <- A exp(sum w_i log(A^-1 M_i)),
+  which converges to the mean of the motions. Turns with the character, does not depend on order, does not collapse.
+- "log-pair": M_b exp(sum w_i log(M_b^-1 M_i)), b the joint with the largest weight. Jumps where b changes.
+- "log-absolute": exp(sum w_i log M_i), as first published; it changes when the whole character turns.
+- "hybrid": "linear" where joints turn little, "log" elsewhere, faded.
+
+Sources: M. Alexa, "Linear combination of transformations" (2002); L. Kavan et al. (2008); V. Govindu, "Lie-algebraic
+averaging for globally consistent motion estimation" (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vitruvian.body.types import Body, Floats, require
+from vitruvian.deform.bind import bind
+from vitruvian.deform.hybrid import Hybrid, Painted
+from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
+from vitruvian.deform.normals import Incidence, incidence, mesh_normals, operator_normals
+from vitruvian.deform.operators import Linear, Operator, Rigid
+from vitruvian.deform.se3 import polar
+from vitruvian.errors import VitruvianError
+
+Single = NDArray[np.float32]
+NAMES = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid")
+
+
+def deformer(
+    name: str,
+    body: Body,
+    *,
+    weights: str = "as_file",
+    steps: int = 1,
+    tolerance: float = 0.0005,
+    angle: float | None = None,
+    fade: bool = True,
+    mix: ArrayLike | None = None,
+    follow: bool = True,
+    threads: int = 0,
+) -> Deformer:
+    """Binds an operator to a body.
+
+    `weights`: "as_file" (what is missing to a sum of one stays at rest) or "normalise". `steps` 0..3 of "log".
+    `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid". `mix` (V,), 0..1, paints between
+    "linear" (0) and the operator (1). `follow`: consecutive frames of one call keep twists continuous past 180 degrees.
+    `threads` 0 chooses by size; results never depend on it.
+    Raises VitruvianError for a name that is not in `NAMES` and for options out of range.
+    """
+    if name not in NAMES:
+        raise VitruvianError(f"deformer: expected one of {', '.join(NAMES)}, found {name!r}")
+    require(0 <= steps <= 3, "steps", "0 to 3", steps)
+    require(5e-5 <= tolerance <= 5e-3, "tolerance", "0.00005 to 0.005 metres", tolerance)
+    require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
+    joints, rest = len(body.skeleton), body.skin.rest
+    operator: Operator
+    linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)
+    if name == "linear":
+        return Deformer(name, body, linear)
+    rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
+    rigid = Rigid("log" if name == "hybrid" else name, body, rows, steps, follow, threads)
+    if mix is not None:
+        paint = np.ascontiguousarray(mix, dtype=np.float32)
+        require(paint.shape == (len(rest),), "mix", f"shape ({len(rest)},)", paint.shape)
+        require(bool(((paint >= 0) & (paint <= 1)).all()), "mix", "values in 0..1", "others")
+        require(name != "hybrid", "mix", "another operator than 'hybrid', which mixes by angle", "hybrid")
+        operator = Painted(linear, rigid, paint)
+    elif name == "hybrid":
+        operator = Hybrid(linear, rigid, tolerance, angle, fade)
+    else:
+        operator = rigid
+    return Deformer(name, body, operator)
+
+
+@dataclass(frozen=True, eq=False)
+class Deformer:
+    """An operator bound to a body; made by `deformer`."""
+
+    name: str
+    body: Body
+    operator: Operator
+
+    def __call__(
+        self, matrices: Floats, morphs: Mapping[str, ArrayLike] | None = None, out: Single | None = None
+    ) -> Single:
+        """Skinned points (F,V,3) float32 in humanoid space, for joint matrices (F,J,4,4); (V,3) for (J,4,4).
+
+        `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight. `out`
+        (F,V,3) float32 C-contiguous is filled and returned.
+        Raises VitruvianError when shapes do not fit this body.
+        """
+        frames, single = self._frames(matrices)
+        out = self._out(out, (len(frames), len(self.body.skin.rest), 3), single)
+        target = out[None] if single else out
+        if not self.body.skin.morphs:
+            require(not morphs, "morphs", "none: this body has no displacers", list(morphs or ()))
+            self.operator.points(frames, target)
+            return out
+        weights = self.morphs.weights(morphs, len(frames))
+        early = None if self.morphs.before is None else shift(self.morphs.before, weights)
+        if early is None:
+            self.operator.points(frames, target)
+        else:
+            assert self.morphs.before is not None
+            for f in range(len(frames)):
+                rest = self.body.skin.rest.copy()
+                rest[self.morphs.before.vertices] += early[f]
+                self.operator.points(frames[f : f + 1], target[f : f + 1], rest)
+        add_after(self.morphs, weights, frames, target)
+        return out
+
+    def frames(self, matrices: Floats, *, kind: str = "operator", out: Single | None = None) -> Single:
+        """The blended transforms A of all vertices, (F,V,3,4) float32; (V,3,4) for (J,4,4).
+
+        `kind` "operator": A itself. "orthonormal": the rotation nearest to A's 3x3, with the translation that keeps the
+        moved vertex where it is.
+        """
+        require(kind in ("operator", "orthonormal"), "kind", "'operator' or 'orthonormal'", repr(kind))
+        poses, single = self._frames(matrices)
+        rest = self.body.skin.rest
+        out = self._out(out, (len(poses), len(rest), 3, 4), single)
+        target = out[None] if single else out
+        self.operator.frames(poses, target)
+        if kind == "orthonormal":
+            linear = target[..., :3].astype(np.float64)
+            moved = np.einsum("fvab,vb->fva", linear, rest) + target[..., 3]
+            rotation = polar(linear)[0]
+            target[..., :3] = rotation
+            target[..., 3] = moved - np.einsum("fvab,vb->fva", rotation, rest)
+        return out
+
+    def normals(self, vertices: Single) -> Single:
+        """Unit normals (F,V,3) of skinned vertices (F,V,3), weighted by area over the welded mesh; (V,3) for (V,3)."""
+        points = np.ascontiguousarray(vertices, dtype=np.float32)
+        require(points.shape[-2:] == self.body.skin.rest.shape, "vertices", "one row per vertex", points.shape)
+        single = points.ndim == 2
+        out = mesh_normals(self.incidence, points[None] if single else points, getattr(self.operator, "threads", 0))
+        return out[0] if single else out
+
+    def operator_normals(self, matrices: Floats) -> Single:
+        """Unit normals (F,V,3) from the transforms alone, ignoring how the weights vary; (V,3) for (J,4,4)."""
+        return operator_normals(self.frames(matrices), self.rest_normals).astype(np.float32)
+
+    @cached_property
+    def morphs(self) -> Morphs:
+        """The body's displacers, packed."""
+        return pack_morphs(self.body.skin.morphs)
+
+    @cached_property
+    def incidence(self) -> Incidence:
+        """The welded mesh."""
+        return incidence(self.body.skin.rest, self.body.skin.triangles)
+
+    @cached_property
+    def rest_normals(self) -> Floats:
+        """(V,3) at rest."""
+        return mesh_normals(self.incidence, self.body.skin.rest[None].astype(np.float32))[0].astype(np.float64)
+
+    def _frames(self, matrices: Floats) -> tuple[Floats, bool]:
+        joints = len(self.body.skeleton)
+        m = np.ascontiguousarray(matrices, dtype=np.float64)
+        fits = m.ndim in (3, 4) and m.shape[-3:] == (joints, 4, 4)
+        require(fits, "matrices", f"shape (F, {joints}, 4, 4) or ({joints}, 4, 4)", m.shape)
+        return (m[None], True) if m.ndim == 3 else (m, False)
+
+    @staticmethod
+    def _out(out: Single | None, shape: tuple[int, ...], single: bool) -> Single:
+        shape = shape[1:] if single else shape
+        if out is None:
+            return np.empty(shape, np.float32)
+        fits = out.shape == shape and out.dtype == np.float32 and out.flags.c_contiguous
+        require(fits, "out", f"float32, C-contiguous, shape {shape}", f"{out.dtype} {out.shape}")
+        return out

@@ -1,0 +1,87 @@
+"""Joint matrices made ready for the operators: rigid parts, stretches, signs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.rotations import inverse, multiply
+from vitruvian.body.types import Floats, Ints, Skeleton
+from vitruvian.deform import se3
+from vitruvian.deform.bind import Influences
+from vitruvian.errors import VitruvianError
+
+RIGID = 1e-5  # how far R^T R may be from the identity before a matrix counts as scaled
+NEAR = np.cos(np.pi / 8)  # frames whose joint pairs turned by less than 45 degrees are consecutive
+
+
+def factor(matrices: Floats, skeleton: Skeleton, used: Ints) -> tuple[Floats, Floats | None]:
+    """M = G S: rigid motions G (F,J,4,4), and stretches S (F,J,4,4) about the joint centres, None when there are none.
+
+    Source: polar decomposition of the 3x3 parts. When all `used` joints mirror, the mirror (x to -x) is part of S;
+    raises VitruvianError naming a joint when some do and some do not, or when one is flat.
+    """
+    linear = matrices[..., :3, :3]
+    gram = np.einsum("fjba,fjbc->fjac", linear, linear)
+    if np.abs(gram - np.eye(3)).max(initial=0) <= RIGID and (np.linalg.det(linear) > 0).all():
+        return matrices, None
+    det = np.linalg.det(linear)
+    flat = np.argwhere(np.abs(det[:, used]) < 1e-12)
+    if flat.size:
+        name = skeleton.names[used[flat[0, 1]]]
+        raise VitruvianError(f"matrices: joint {name} is scaled to nothing; only the linear operator can show that")
+    negative = det[:, used] < 0
+    if negative.any() and not negative.all():
+        name = skeleton.names[used[np.argwhere(negative)[0, 1]]]
+        raise VitruvianError(f"matrices: joint {name} mirrors and others do not; use the linear operator")
+    rigid, around = matrices.copy(), np.zeros_like(matrices)
+    around[..., 3, 3] = 1
+    if negative.any():  # M = R (S X): stretch and mirror about the origin
+        mirror = np.diag([-1.0, 1.0, 1.0])
+        rotation, stretch = se3.polar(linear @ mirror)
+        around[..., :3, :3] = stretch @ mirror
+    else:
+        rotation, stretch = se3.polar(linear)
+        shift = skeleton.centers - np.einsum("fjab,jb->fja", stretch, skeleton.centers)
+        around[..., :3, :3], around[..., :3, 3] = stretch, shift
+        rigid[..., :3, 3] -= np.einsum("fjab,fjb->fja", rotation, shift)
+    rigid[..., :3, :3] = rotation
+    return rigid, around
+
+
+def joint_duals(rigid: Floats) -> Floats:
+    """(F,J+1,8) float64 dual quaternions of rigid (F,J,4,4); the last one does not move."""
+    frames = len(rigid)
+    still = np.tile([0.0, 0, 0, 1, 0, 0, 0, 0], (frames, 1, 1))
+    return np.concatenate([se3.dual_quaternion(rigid), still], axis=1)
+
+
+def choose_signs(duals: Floats, rows: Influences, *, follow: bool) -> tuple[Floats, NDArray[np.bool_]]:
+    """Dual quaternions whose signs agree along the trees of joint pairs in use, and per frame whether all pairs agree.
+
+    Where all agree, no sign needs to be looked at per vertex. `follow`: in frames that follow their predecessor closely
+    the relative turn of each pair keeps its sign through 180 degrees, and the choice holds for all pairs.
+    """
+    tree, left = rows.chain
+    duals = duals.copy()
+    agree = np.ones(len(duals), dtype=bool)
+    before: Floats | None = None
+    for f, frame in enumerate(duals):
+        for a, b in tree:
+            if frame[a, :4] @ frame[b, :4] < 0:
+                frame[b] = -frame[b]
+        relative = _relative(frame, tree)
+        if follow and before is not None and (np.abs(np.sum(relative * before, axis=1)) >= NEAR).all():
+            for e, (_, b) in enumerate(tree):  # outward: the sign of the other is final
+                if _relative(frame, tree[e]) @ before[e] < 0:
+                    frame[b] = -frame[b]
+            relative = _relative(frame, tree)
+        before = relative
+        wound = (relative[:, 3] < 0).any()
+        if len(left) and not wound:
+            agree[f] = bool((np.sum(frame[left[:, 0], :4] * frame[left[:, 1], :4], axis=1) >= 0).all())
+    return duals, agree
+
+
+def _relative(frame: Floats, pairs: Ints) -> Floats:
+    return multiply(inverse(frame[pairs[..., 0], :4]), frame[pairs[..., 1], :4])
