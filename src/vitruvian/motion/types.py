@@ -16,7 +16,7 @@ class Motion:
     rotation (F,J,4): local joint rotations, unit quaternions xyzw, hemisphere-continuous in time.
     translation (F,3): the translation field of the first joint (an offset from its rest centre), metres.
     joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None. weights: displacer name -> (F,). loop: the last frame leads to
-    the first.
+    the first. notes: what a reader or retargeting had to decide, one line each.
     """
 
     skeleton: Skeleton
@@ -27,6 +27,7 @@ class Motion:
     weights: dict[str, Floats] = field(default_factory=dict)
     loop: bool = False
     name: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731

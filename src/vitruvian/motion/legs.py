@@ -1,0 +1,264 @@
+"""Legs that reach the ground: two-bone inverse kinematics and feet that stand still while they stand.
+
+Source: note motion.md, 4.7 and 6 (closed form by the law of cosines with the knee as pole).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
+from vitruvian.body.types import Floats, Skeleton
+from vitruvian.motion.contacts import Leg, floor_at_rest, runs
+from vitruvian.motion.turns import about, positions, unit
+from vitruvian.motion.types import continuous
+
+REACH = 0.995  # of the straight leg; beyond it knees lock and snap
+UP = np.array([0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Foothold:
+    """When heel and ball of a foot stand on the ground: two flags (F,)."""
+
+    heel: NDArray[np.bool_]
+    ball: NDArray[np.bool_]
+
+
+def two_bone(
+    root: Floats, goal: Floats, pole: Floats, upper: float, lower: float, straight: float = REACH
+) -> tuple[Floats, Floats]:
+    """Middle joint and end (...,3) of a chain of two bones from `root` to `goal`, bent towards `pole` (...,3).
+
+    A goal out of reach is approached to `straight` of the whole length, one too near to the shortest fold.
+    """
+    way = goal - root
+    far = np.linalg.norm(way, axis=-1, keepdims=True)
+    along = np.where(far > 1e-9, way / np.maximum(far, 1e-9), -UP)
+    reach = np.clip(far, abs(upper - lower) + 1e-6, straight * (upper + lower))
+    side = pole - root
+    normal = unit(side - along * np.sum(side * along, axis=-1, keepdims=True))
+    a = (upper**2 - lower**2 + reach**2) / (2 * reach)
+    h = np.sqrt(np.maximum(upper**2 - a**2, 0.0))
+    return root + along * a + normal * h, root + along * reach
+
+
+def bend_leg(
+    skeleton: Skeleton, leg: Leg, world: Floats, hip: Floats, knee: Floats, ankle: Floats, foot: Floats
+) -> None:
+    """Turn thigh, shank and foot in `world` (F,J,4), in place, so that the ankle comes to `ankle` (F,3).
+
+    hip, knee (F,3): where they are now, the knee as pole. foot (F,4): the world rotation the foot gets.
+    Thigh and shank are swung the shortest way, so the knee's axis stays with the leg.
+    """
+    c = skeleton.centers
+    middle, end = two_bone(hip, ankle, knee, leg.thigh, leg.shank)
+    for joint, bone, way in (
+        (leg.hip, c[leg.knee] - c[leg.hip], middle - hip),
+        (leg.knee, c[leg.ankle] - c[leg.knee], end - middle),
+    ):
+        world[:, joint] = multiply(between(rotate(world[:, joint], bone), way), world[:, joint])
+    world[:, leg.ankle] = foot
+
+
+def heading(foot: Floats) -> tuple[Floats, Floats, Floats]:
+    """Yaw, pitch (toes up is positive) and roll (F,) of a foot's world rotation: foot = yaw * pitch * roll."""
+    front = rotate(foot, np.array([0.0, 0.0, 1.0]))
+    yaw = np.arctan2(front[..., 0], front[..., 2])
+    pitch = np.arcsin(np.clip(front[..., 1], -1.0, 1.0))
+    rest = multiply(inverse(compose(yaw, pitch, np.zeros_like(yaw))), foot)
+    return yaw, pitch, 2 * np.arctan2(rest[..., 2], rest[..., 3])
+
+
+def compose(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
+    """World rotation (F,4) of a foot from its yaw, pitch and roll."""
+    x, y, z = np.eye(3)
+    return multiply(multiply(about(y, yaw), about(x, -np.asarray(pitch))), about(z, roll))
+
+
+def ease(flags: NDArray[np.bool_], frames: float) -> Floats:
+    """(F,) 1 where flags are set, falling smoothly to 0 within `frames` frames on either side."""
+    count = len(flags)
+    if not flags.any():
+        return np.zeros(count)
+    at = np.flatnonzero(flags)
+    right = np.clip(np.searchsorted(at, np.arange(count)), 0, len(at) - 1)
+    near = np.minimum(np.abs(at[right] - np.arange(count)), np.abs(at[np.maximum(right - 1, 0)] - np.arange(count)))
+    return smooth(1.0 - near / max(frames, 1.0))
+
+
+def smooth(t: Floats) -> Floats:
+    """Smooth step from 0 (t <= 0) to 1 (t >= 1)."""
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def plant(
+    skeleton: Skeleton,
+    world: Floats,
+    move: Floats,
+    limbs: tuple[Leg, ...],
+    holds: Mapping[str, Foothold],
+    fps: float,
+    *,
+    blend: float = 0.1,
+) -> tuple[Floats, Floats]:
+    """Keep standing feet where they stand: new world rotations (F,J,4) and root translations (F,3).
+
+    A foot whose heel and ball stand lies flat; one that stands on the ball keeps its toes flat. Between contacts the
+    correction fades from one to the next, and no sole goes below the floor. The hips sink, smoothly, where a standing
+    foot could not be reached; a swinging foot gives way instead.
+    """
+    world, move = world.copy(), move.copy()
+    floor = floor_at_rest(skeleton)
+    c = skeleton.centers
+    place = positions(skeleton.parents, c, world, move)
+    goals = {leg.side: _steps(skeleton, leg, world, place, holds[leg.side], floor, fps, blend) for leg in limbs}
+    sink = np.zeros(len(move))
+    for leg in limbs:
+        goal, _, hold = goals[leg.side]
+        stands = hold.heel | hold.ball
+        way = place[:, leg.hip] - goal
+        flat = np.hypot(way[:, 0], way[:, 2])
+        reach = np.sqrt(np.maximum((0.999 * REACH * leg.length) ** 2 - flat**2, 0.0))
+        sink = np.maximum(sink, np.maximum(way[:, 1] - reach, 0.0) * ease(stands, blend * fps))
+    sink = _over(sink, fps)
+    move[:, 1] -= sink
+    place[..., 1] -= sink[:, None]
+    for leg in limbs:
+        goal, foot, hold = goals[leg.side]
+        before = world.copy()
+        bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot)
+        _carry(skeleton, leg.ankle, before, world)
+        stands = ease(hold.ball, blend * fps)
+        _flatten_toes(skeleton, leg, world, stands)
+    return world, move
+
+
+def _carry(skeleton: Skeleton, joint: int, before: Floats, world: Floats) -> None:
+    """Joints below `joint` keep their local rotations after it was turned."""
+    turned = {joint: multiply(world[:, joint], inverse(before[:, joint]))}
+    for j in range(joint + 1, len(skeleton)):
+        parent = int(skeleton.parents[j])
+        if parent in turned:
+            turned[j] = turned[parent]
+            world[:, j] = multiply(turned[j], before[:, j])
+
+
+def _flatten_toes(skeleton: Skeleton, leg: Leg, world: Floats, stands: Floats) -> None:
+    """Toes lie on the floor while the ball of the foot stands."""
+    yaw, _, _ = heading(world[:, leg.ankle])
+    flat = about(UP, yaw)
+    for toe in leg.toes:
+        before = world.copy()
+        world[:, toe] = slerp(world[:, toe], flat, stands)
+        _carry(skeleton, toe, before, world)
+
+
+def _steps(
+    skeleton: Skeleton, leg: Leg, world: Floats, place: Floats, hold: Foothold, floor: float, fps: float, blend: float
+) -> tuple[Floats, Floats, Foothold]:
+    """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when heel and ball stand after all."""
+    c = skeleton.centers
+    ankle = place[:, leg.ankle]
+    raw = ankle + rotate(world[:, leg.ankle], leg.pivot - c[leg.ankle])
+    hold = _split(hold, raw, fps)
+    yaw, pitch, roll = heading(world[:, leg.ankle])
+    on_heel, on_ball = ease(hold.heel, blend * fps), ease(hold.ball, blend * fps)
+    pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
+    roll = roll * (1 - np.maximum(on_heel, on_ball))
+    foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, roll)
+    heel = ankle + rotate(foot, leg.heel - c[leg.ankle])
+    ball = ankle + rotate(foot, leg.pivot - c[leg.ankle])
+    stands = hold.heel | hold.ball
+    delta = np.zeros_like(ankle)
+    for start, stop in runs(stands):
+        _hold(delta, start, stop, hold, heel, ball, floor, float(leg.pivot[1]))
+    goal = ankle + _bridge(delta, stands)
+    # the rest of the sole: toes as they are bent, until they lie flat
+    toes = multiply(foot, multiply(inverse(world[:, leg.ankle]), world[:, leg.front]))
+    toes = slerp(toes, about(UP, heading(foot)[0]), on_ball)
+    ground = [heel[:, 1], *((ball + rotate(toes, p - leg.pivot))[:, 1] for p in (leg.ball, leg.tip))]
+    lowest = np.min(ground, axis=0) + goal[:, 1] - ankle[:, 1]
+    away = 1.0 - ease(stands, 0.15 * fps)  # swinging feet pass a little over the floor
+    goal[:, 1] += np.maximum(floor + 0.012 * away - lowest, 0.0)
+    return goal, foot, hold
+
+
+def _split(hold: Foothold, ball: Floats, fps: float, *, drift: float = 0.05, pause: float = 0.1) -> Foothold:
+    """Contacts in which the foot (path (F,3)) goes farther than `drift` (m) are cut where it is fastest: a slow step."""
+    heel, front = hold.heel.copy(), hold.ball.copy()
+    pace = np.linalg.norm(np.gradient(ball, axis=0), axis=1) * fps if len(ball) > 1 else np.zeros(len(ball))
+    half = max(1, int(round(0.5 * pause * fps)))
+    stack = runs(heel | front)
+    while stack:
+        start, stop = stack.pop()
+        part = ball[start:stop]
+        if stop - start < 6 * half or np.linalg.norm(part - np.median(part, axis=0), axis=1).max() < drift:
+            continue
+        cut = start + 2 * half + int(np.argmax(pace[start + 2 * half : stop - 2 * half]))
+        heel[cut - half : cut + half] = front[cut - half : cut + half] = False
+        stack += [(start, cut - half), (cut + half, stop)]
+    return Foothold(heel, front)
+
+
+def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(6.0)) -> Floats:
+    """Flat feet do not turn: up to `limit` of turning is taken off; what turns more really turns."""
+    change = np.zeros((len(yaw), 1))
+    for start, stop in runs(flat):
+        change[start:stop, 0] = np.clip(np.median(yaw[start:stop]) - yaw[start:stop], -limit, limit)
+    return yaw + _bridge(change, flat)[:, 0]
+
+
+def _hold(
+    delta: Floats, start: int, stop: int, hold: Foothold, heel: Floats, ball: Floats, floor: float, high: float
+) -> None:
+    """Corrections (in place) that keep one contact, frames start..stop, on one spot: the ball's, else the heel's.
+
+    `high` is the height of the toe joint when the foot stands.
+    """
+    part = slice(start, stop)
+    on_ball = hold.ball[part]
+    if not on_ball.any():
+        delta[part] = np.median(heel[part], axis=0) - heel[part]
+        delta[part, 1] = floor - heel[part, 1]
+        return
+    spot = np.median(ball[part][on_ball], axis=0)
+    spot[1] = high
+    rows = start + np.flatnonzero(on_ball)
+    delta[rows] = spot - ball[rows]
+    for first, last in runs(~on_ball):
+        # heel alone, before or after the ball: the heel stays where the flat foot had it
+        edge = start + (last if last < stop - start else first - 1)
+        rows = np.arange(start + first, start + last)
+        delta[rows] = heel[edge] + delta[edge] - heel[rows]
+        delta[rows, 1] = floor - heel[rows, 1]
+
+
+def _bridge(delta: Floats, stands: NDArray[np.bool_]) -> Floats:
+    """Corrections of the frames between contacts: a smooth way from the last to the next."""
+    found = runs(stands)
+    if not found:
+        return delta
+    out = delta.copy()
+    out[: found[0][0]] = delta[found[0][0]]
+    out[found[-1][1] :] = delta[found[-1][1] - 1]
+    for (_, a), (b, _) in zip(found, found[1:]):
+        t = smooth((np.arange(a, b) - a + 1) / (b - a + 1))[:, None]
+        out[a:b] = delta[a - 1] * (1 - t) + delta[b] * t
+    return out
+
+
+def _over(value: Floats, fps: float) -> Floats:
+    """A smooth curve that is nowhere below `value` (F,): sliding maximum, then a mean over the same window."""
+    if not value.any():
+        return value
+    width = max(1, int(round(0.12 * fps)))
+    window = np.lib.stride_tricks.sliding_window_view
+    top = window(np.pad(value, width, mode="edge"), 2 * width + 1).max(axis=-1)
+    kernel = np.hanning(2 * width + 3)[1:-1]
+    return np.convolve(np.pad(top, width, mode="edge"), kernel / kernel.sum(), mode="valid")

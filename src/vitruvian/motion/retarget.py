@@ -1,0 +1,460 @@
+"""Let another skeleton do what a captured one does.
+
+Only turns in the world are carried over, never local angles: rest poses, local axes and joint counts of the two may
+differ. Source: note motion.md, section 4 (world deltas, rest alignment by swing and secondary axis, trunk by arc length).
+Frames: humanoid space, Y up; A is the turn that brings the target at rest into the pose of the source at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
+from vitruvian.body.types import Floats, Skeleton
+from vitruvian.errors import VitruvianError
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
+from vitruvian.motion.legs import Foothold, plant
+from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
+from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
+from vitruvian.motion.types import Motion
+
+UP = np.array([0.0, 1.0, 0.0])
+FINGERS = [f"{part}_{k}" for k in range(1, 6) for part in ("carpometacarpal", "metacarpophalangeal")]
+FINGERS += ["carpal_interphalangeal_1"]
+FINGERS += [f"carpal_{p}_interphalangeal_{k}" for k in range(2, 6) for p in ("proximal", "distal")]
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """The clip to be carried over: who is who, rest positions (J,3), world turns from rest (F,J,4), positions (F,J,3)."""
+
+    skeleton: Skeleton
+    index: dict[str, int]
+    trunk: tuple[int, ...]  # joints that are no particular vertebra
+    rest: Floats
+    turn: Floats
+    place: Floats
+
+    @cached_property
+    def children(self) -> list[list[int]]:
+        out: list[list[int]] = [[] for _ in self.skeleton.names]
+        for j, p in enumerate(self.skeleton.parents):
+            if p >= 0:
+                out[p].append(j)
+        return out
+
+    def path(self, joint: int) -> list[int]:
+        """Joints from the root down to `joint`."""
+        out = [joint]
+        while (joint := int(self.skeleton.parents[joint])) >= 0:
+            out.append(joint)
+        return out[::-1]
+
+    def fork(self, *names: str) -> int | None:
+        """The last common ancestor (or self) of those of the named joints that exist."""
+        paths = [self.path(self.index[n]) for n in names if n in self.index]
+        if not paths:
+            return None
+        common = [level[0] for level in zip(*paths) if len(set(level)) == 1]
+        return common[-1] if common else None
+
+    def end(self, joint: int, skip: int | None = None) -> Floats | None:
+        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when nothing is apart from it."""
+        best, far, stack = None, 1e-6, [joint]
+        while stack:
+            j = stack.pop()
+            if j == skip:
+                continue
+            stack.extend(self.children[j])
+            sites = self.skeleton.site_points[self.skeleton.site_joints == j]
+            for point in (self.rest[j], *(sites if self.rest is self.skeleton.centers else ())):
+                if (size := float(np.linalg.norm(point - self.rest[joint]))) > far:
+                    best, far = point, size
+        return best
+
+
+def retarget(
+    motion: Motion,
+    skeleton: Skeleton,
+    *,
+    names: Mapping[str, str] | None = None,
+    feet: bool = True,
+    twist_to_elbow: float = 0.5,
+    root: str = "scale",
+    rest_frame: int | None = None,
+) -> Motion:
+    """The clip on another skeleton: `motion` on its own skeleton to a Motion on `skeleton` (H-Anim names, any LOA).
+
+    names: {joint of the clip: H-Anim joint}, wins over the built-in tables. feet: find when feet stand and keep them on
+    the floor (y = 0 at rest) by inverse kinematics. twist_to_elbow: share of the forearm's twist that the elbow takes, the
+    wrist the rest; not used between two H-Anim skeletons. root: "scale" walks in proportion to the leg length, "keep"
+    leaves distances as they were captured. rest_frame: a frame of the clip that shows the rest pose.
+    `Motion.notes` says what was not matched. Raises `VitruvianError` when the clip has no recognisable hips or `skeleton`
+    is no H-Anim skeleton.
+    """
+    if root not in ("scale", "keep"):
+        raise VitruvianError(f"root: expected 'scale' or 'keep', found {root!r}")
+    target = joint_index(skeleton.names)
+    if "l_hip" not in target and "humanoid_root" not in target:
+        raise VitruvianError("skeleton: expected H-Anim joint names (humanoid_root, l_hip, ...), found none")
+    source, notes = _source(motion, names, rest_frame)
+    facing = _facing(source)
+    align = _alignment(source, skeleton, target, facing)
+    world, given = _transfer(source, skeleton, target, align, facing)
+    local = local_rotations(skeleton.parents, world)
+    for j, known in enumerate(given):
+        if not known:
+            local[:, j] = [0.0, 0.0, 0.0, 1.0]
+    if not _is_hanim(motion.skeleton):
+        _untwist(local, skeleton, target, twist_to_elbow)
+        _relax_fingers(local, skeleton, target, given)
+    world = world_rotations(skeleton.parents, local)
+    move, scale = _root(source, skeleton, target, world, root)
+    notes = [*notes, f"distances scaled by {scale:.3f}"]
+    limbs = legs(skeleton)
+    if feet and limbs and len(motion) > 1:
+        holds = {leg.side: _foothold(source, leg.side, motion.fps, scale) for leg in limbs}
+        move[:, 1] += _ground(skeleton, world, move, limbs, holds)
+        world, move = plant(skeleton, world, move, limbs, holds, motion.fps)
+        local = local_rotations(skeleton.parents, world)
+    elif feet and not limbs:
+        notes.append("no legs with hip, knee and ankle: feet are left as they come")
+    return Motion(
+        skeleton,
+        motion.fps,
+        local,
+        move,
+        weights=dict(motion.weights),
+        loop=motion.loop,
+        name=motion.name,
+        notes=tuple([*motion.notes, *notes]),
+    )
+
+
+def _is_hanim(skeleton: Skeleton) -> bool:
+    return len(joint_index(skeleton.names)) > len(skeleton) // 2
+
+
+def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | None) -> tuple[_Source, list[str]]:
+    skeleton = motion.skeleton
+    unknown = set(names or {}) - set(skeleton.names)
+    if unknown:
+        raise VitruvianError(f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ...")
+    roles = match(skeleton.names, dict(names or {}))
+    twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
+    if twice:
+        raise VitruvianError(f"names: two joints of the clip are given to {twice[0]}; expected one")
+    index = {h: skeleton.index[n] for n, h in roles.items() if h not in (SPINE, NECK)}
+    trunk = tuple(skeleton.index[n] for n, h in roles.items() if h in (SPINE, NECK))
+    if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
+        some = ", ".join(skeleton.names[:6])
+        raise VitruvianError(f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}")
+    rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
+    notes = []
+    if _odd_start(motion):
+        # CMU's conversions begin with a row of zeros
+        keep = np.r_[1, 1 : len(motion)]
+        rotation, move, shift = rotation[keep], move[keep], None if shift is None else shift[keep]
+        notes.append("frame 0 has nothing to do with frame 1 (an inserted pose): frame 1 is shown instead")
+    world = world_rotations(skeleton.parents, rotation)
+    place = positions(skeleton.parents, skeleton.centers, world, move, shift)
+    rest = skeleton.centers
+    if rest_frame is not None:
+        if not -len(motion) <= rest_frame < len(motion):
+            raise VitruvianError(f"rest_frame: expected a frame in 0..{len(motion) - 1}, found {rest_frame}")
+        rest = place[rest_frame]
+        world = multiply(world, inverse(world[rest_frame]))
+    lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
+    if lost:
+        notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
+    return _Source(skeleton, index, trunk, rest, world, place), notes
+
+
+def _odd_start(motion: Motion) -> bool:
+    """Whether the first frame is far from the second while the next ones follow each other closely."""
+    if len(motion) < 4:
+        return False
+    some = min(len(motion), 12)
+    dots = np.abs(np.sum(motion.rotation[1:some] * motion.rotation[: some - 1], axis=-1))
+    turns = 2 * np.arccos(np.clip(dots, -1.0, 1.0)).max(axis=1)
+    moves = np.linalg.norm(np.diff(motion.translation[:some], axis=0), axis=1)
+    far = turns[0] > max(np.radians(10), 8 * turns[1:].max()) or moves[0] > max(0.1, 8 * moves[1:].max())
+    return bool(far)
+
+
+def _facing(source: _Source) -> Floats:
+    """The turn (4,) from the standard's axes (X left, Y up, Z front) to those of the source at rest.
+
+    Figures that stand within 20 degrees of a quarter turn are taken to face it exactly: hips are never quite symmetric.
+    """
+    index, rest = source.index, source.rest
+    pairs = [(f"l_{p}", f"r_{p}") for p in ("hip", "shoulder", "knee") if f"l_{p}" in index and f"r_{p}" in index]
+    left = unit(rest[index[pairs[0][0]]] - rest[index[pairs[0][1]]]) if pairs else np.array([1.0, 0.0, 0.0])
+    low, high = source.fork("l_hip", "r_hip"), index.get("skullbase")
+    spine = unit(rest[high] - rest[low]) if high is not None and low is not None else UP
+    axes = []
+    for axis in (spine, left):
+        nearest = np.eye(3)[np.argmax(np.abs(axis))] * np.sign(axis[np.argmax(np.abs(axis))])
+        axes.append(nearest if axis @ nearest > np.cos(np.radians(20)) else axis)
+    y = unit(axes[0])
+    x = unit(axes[1] - y * (axes[1] @ y))
+    return from_matrix(np.stack([x, y, np.cross(x, y)], axis=-1))
+
+
+def _alignment(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
+    """A (4,) for each joint that both have; the trunk is taken to stand alike in both rest poses."""
+    align = {name: facing for name in source.index if name in target}
+    c, rest, index = skeleton.centers, source.rest, source.index
+    both = lambda name: name in index and name in target  # noqa: E731
+    for side in "lr":
+        for chain in (("hip", "knee", "talocrural"), ("shoulder", "elbow", "radiocarpal")):
+            before = facing
+            for near, far in zip(chain, chain[1:]):
+                a, b = f"{side}_{near}", f"{side}_{far}"
+                if both(a) and both(b):
+                    before = _swing(before, c[target[b]] - c[target[a]], rest[index[b]] - rest[index[a]])
+                if a in align:
+                    align[a] = before
+            if f"{side}_{chain[-1]}" in align:
+                align[f"{side}_{chain[-1]}"] = before
+        if both(f"{side}_radiocarpal"):
+            hand = _hand(source, skeleton, target, side, align[f"{side}_radiocarpal"])
+            align[f"{side}_radiocarpal"] = hand
+            for name in (f"{side}_{f}" for f in FINGERS):
+                if name in align:
+                    align[name] = hand
+            _align_fingers(source, skeleton, target, side, align)
+        if both(f"{side}_talocrural"):
+            foot = _foot(source, skeleton, target, side, facing)
+            for part in ("talocrural", "tarsometatarsal_2", "metatarsophalangeal_2", "tarsal_distal_interphalangeal_2"):
+                if f"{side}_{part}" in align:
+                    align[f"{side}_{part}"] = foot
+    return align
+
+
+def _swing(before: Floats, target: Floats, source: Floats) -> Floats:
+    """`before`, then the least turn that lays the target's bone along the source's."""
+    return multiply(between(rotate(before, target), source), before)
+
+
+def _hand(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, forearm: Floats) -> Floats:
+    """Knuckles along knuckles, and thumb beside thumb when both have one."""
+    c, wrist = skeleton.centers, f"{side}_radiocarpal"
+    middle = next((target[n] for k in (3, 2, 4) if (n := f"{side}_metacarpophalangeal_{k}") in target), None)
+    if middle is None:
+        return forearm
+    own = c[middle] - c[target[wrist]]
+    known = [n for k in (3, 2, 4) if (n := f"{side}_metacarpophalangeal_{k}") in source.index]
+    thumb = source.index.get(f"{side}_carpometacarpal_1")
+    tip = source.rest[source.index[known[0]]] if known else source.end(source.index[wrist], skip=thumb)
+    if tip is None:
+        return forearm
+    his = tip - source.rest[source.index[wrist]]
+    own_thumb = target.get(f"{side}_metacarpophalangeal_1", target.get(f"{side}_carpometacarpal_1"))
+    his_thumb = source.end(thumb) if thumb is not None else None
+    if own_thumb is None or thumb is None or his_thumb is None:
+        return _swing(forearm, own, his)
+    a = frame(his, his_thumb - source.rest[source.index[wrist]])
+    b = frame(own, c[own_thumb] - c[target[wrist]])
+    return multiply(a, inverse(b))
+
+
+def _align_fingers(
+    source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
+) -> None:
+    for k in range(1, 6):
+        middle = ("carpal_interphalangeal_1",) if k == 1 else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
+        chain = [f"{side}_{n}" for n in (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", *middle)]
+        chain = [n for n in chain if n in align]
+        for near, far in zip(chain, chain[1:]):
+            own = skeleton.centers[target[far]] - skeleton.centers[target[near]]
+            his = source.rest[source.index[far]] - source.rest[source.index[near]]
+            align[near] = _swing(align[near], own, his)
+            align[far] = align[near]
+
+
+def _foot(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, facing: Floats) -> Floats:
+    """Sole on sole, toes in line.
+
+    A rest pose with legs apart may hold its feet flat on the floor or square to the shins; what the clip does while the
+    foot stands decides which.
+    """
+    ankle, knee = source.index[f"{side}_talocrural"], source.index.get(f"{side}_knee")
+    toe = source.index.get(f"{side}_metatarsophalangeal_2")
+    tip = source.rest[toe] if toe is not None else source.end(ankle)
+    up = rotate(facing, UP)
+    if knee is not None and tip is not None and len(source.turn) > 1:
+        shin = unit(source.rest[knee] - source.rest[ankle])
+        stands = _stands(source, ankle, 0.15, 120.0) & _stands(source, toe if toe is not None else ankle, 0.15, 120.0)
+        normal = rotate(inverse(source.turn[stands, ankle]), UP).mean(axis=0) if stands.sum() >= 10 else up
+        # lying, jumping or noise: no decision, the floor counts
+        if np.linalg.norm(normal) > 0.9 and normal @ shin > normal @ up + 0.01:
+            up = shin
+    ball = target.get(f"{side}_metatarsophalangeal_2")
+    own = skeleton.centers[ball] - skeleton.centers[target[f"{side}_talocrural"]] if ball is not None else np.eye(3)[2]
+    his = tip - source.rest[ankle] if tip is not None else rotate(facing, np.eye(3)[2])
+    return multiply(frame(up, his), inverse(frame(UP, own)))
+
+
+def _stands(source: _Source, joint: int, speed: float, fps: float) -> Floats:
+    return standing(source.place[:, joint], fps, speed=speed)
+
+
+def _transfer(
+    source: _Source, skeleton: Skeleton, target: dict[str, int], align: dict[str, Floats], facing: Floats
+) -> tuple[Floats, list[bool]]:
+    """World rotations (F,J,4) of the target, and which joints were given one (the others follow their parents)."""
+    frames = len(source.turn)
+    world = np.zeros((frames, len(skeleton), 4))
+    world[..., 3] = 1.0
+    given = [False] * len(skeleton)
+    trunk = _trunk(source, skeleton, target, facing)
+    base = source.fork("l_hip", "r_hip", "skullbase", "l_shoulder", "r_shoulder")
+    pelvis = source.fork("l_hip", "r_hip")
+    drivers = dict(source.index)
+    if base is not None and "humanoid_root" in target:
+        drivers.setdefault("humanoid_root", base)
+        drivers["humanoid_root"] = max(drivers["humanoid_root"], base)
+    if pelvis is not None and "sacroiliac" in target:
+        drivers.setdefault("sacroiliac", pelvis)
+    for name, j in target.items():
+        if name in trunk:
+            world[:, j] = trunk[name]
+        elif name in drivers:
+            world[:, j] = multiply(source.turn[:, drivers[name]], align.get(name, facing))
+        else:
+            continue
+        given[j] = True
+    for j, parent in enumerate(skeleton.parents):
+        if not given[j] and parent >= 0:
+            world[:, j] = world[:, parent]
+    return world, given
+
+
+def _trunk(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
+    """World rotations (F,4) of the vertebrae that the source does not have by name.
+
+    Both spines run from 0 at the hips over 1 where the arms branch off to 2 at the head. A bone's turn belongs to its
+    middle; between the middles turns are interpolated in the world.
+    """
+    head = source.index.get("skullbase")
+    base = source.fork("l_hip", "r_hip", "skullbase")
+    if head is None or base is None or not source.trunk:
+        return {}
+    path = source.path(head)
+    path = path[path.index(base) :]
+    arms = source.fork("l_shoulder", "skullbase") or source.fork("r_shoulder", "skullbase")
+    his = _along(source.rest[path], path.index(arms) if arms in path[1:-1] else max(1, len(path) // 2))
+    names = ["humanoid_root", *VERTEBRAE, "skullbase"]
+    own_path = [target[n] for n in names if n in target]
+    mine = [n for n in VERTEBRAE if n in target]
+    if not mine or "skullbase" not in target or "humanoid_root" not in target:
+        return {}
+    carrier = target.get("l_sternoclavicular", target.get("l_shoulder", target["skullbase"]))
+    while carrier >= 0 and carrier not in own_path:
+        carrier = int(skeleton.parents[carrier])
+    own = _along(skeleton.centers[own_path], max(1, own_path.index(carrier)))
+    his[0] = 0.0
+    wanted = [n for n in mine if n not in source.index]
+    at = np.array([own[own_path.index(target[n])] for n in wanted])
+    right = np.clip(np.searchsorted(his, at, side="left"), 1, len(his) - 1)
+    span = his[right] - his[right - 1]
+    t = np.where(span > 1e-9, (at - his[right - 1]) / np.maximum(span, 1e-9), 1.0)
+    turns = source.turn[:, path]
+    world = slerp(turns[:, right - 1], turns[:, right], np.clip(t, 0.0, 1.0))
+    world = multiply(world, facing)
+    return {name: world[:, i] for i, name in enumerate(wanted)}
+
+
+def _along(points: Floats, arms: int) -> Floats:
+    """Where each bone's middle lies: 0..1 up to the joint that carries the arms, 1 there, 1..2 from it to the head."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    middle = np.append(0.5 * (length[1:] + length[:-1]), length[-1])
+    below, above = max(length[arms], 1e-9), max(length[-1] - length[arms], 1e-9)
+    out = np.where(np.arange(len(points)) < arms, middle / below, 1 + (middle - length[arms]) / above)
+    out[arms] = 1.0
+    return np.maximum.accumulate(np.clip(out, 0.0, 2.0))
+
+
+def _untwist(local: Floats, skeleton: Skeleton, target: dict[str, int], share: float) -> None:
+    """Spread the turning of the hand about the forearm over elbow and wrist; the hand itself stays as it is."""
+    for side in "lr":
+        elbow, wrist = target.get(f"{side}_elbow"), target.get(f"{side}_radiocarpal")
+        if elbow is None or wrist is None:
+            continue
+        axis = unit(skeleton.centers[wrist] - skeleton.centers[elbow])
+        at_elbow, at_wrist = twist(local[:, elbow], axis), twist(local[:, wrist], axis)
+        total = np.unwrap(at_elbow + at_wrist)
+        total -= 2 * np.pi * np.round(np.median(total) / (2 * np.pi)) if len(total) else 0.0
+        change = about(axis, share * total - at_elbow)
+        local[:, elbow] = multiply(local[:, elbow], change)
+        local[:, wrist] = multiply(inverse(change), local[:, wrist])
+
+
+def _relax_fingers(local: Floats, skeleton: Skeleton, target: dict[str, int], given: list[bool]) -> None:
+    """Fingers that the clip says nothing about hang as those of a hand at rest."""
+    from vitruvian.motion.hands import relaxed
+
+    for name, turn in relaxed(skeleton).items():
+        if not given[target[name]]:
+            local[:, target[name]] = turn
+
+
+def _root(
+    source: _Source, skeleton: Skeleton, target: dict[str, int], world: Floats, root: str
+) -> tuple[Floats, float]:
+    """Translation (F,3) of the first joint that puts the middle of the hips where the source has it, and the scale."""
+    index, c = source.index, skeleton.centers
+    ratios = []
+    for side in "lr":
+        names = [f"{side}_{p}" for p in ("hip", "knee", "talocrural")]
+        if all(n in index and n in target for n in names):
+            own = sum(np.linalg.norm(c[target[a]] - c[target[b]]) for a, b in zip(names, names[1:]))
+            his = sum(np.linalg.norm(source.rest[index[a]] - source.rest[index[b]]) for a, b in zip(names, names[1:]))
+            ratios.append(own / max(his, 1e-9))
+    scale = float(np.mean(ratios)) if ratios else 1.0
+    hips = [n for n in ("l_hip", "r_hip") if n in index and n in target]
+    his = np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
+    rest = np.mean([source.rest[index[n]] for n in hips], axis=0) if hips else source.rest[index["humanoid_root"]]
+    zero = np.zeros((len(world), 3))
+    place = positions(skeleton.parents, c, world, zero)
+    own = np.mean([place[:, target[n]] for n in hips], axis=0) if hips else place[:, 0]
+    if root == "keep":
+        # distances on the floor as captured, heights still in proportion: legs have to reach the ground
+        return np.stack([his[:, 0], his[:, 1] * scale, his[:, 2]], axis=1) - own, scale
+    if not ratios:
+        return his - rest + (c[target[hips[0]]] if hips else c[0]) - own, 1.0
+    return his * scale - own, scale
+
+
+def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
+    """When heel and ball of the source stand, with the note's thresholds, in the size of the target."""
+    ankle = source.index.get(f"{side}_talocrural")
+    toe = source.index.get(f"{side}_metatarsophalangeal_2", ankle)
+    if ankle is None or toe is None:
+        none = np.zeros(len(source.turn), bool)
+        return Foothold(none, none)
+    heel = standing(source.place[:, ankle] * scale, fps)
+    ball = standing(source.place[:, toe] * scale, fps)
+    return Foothold(heel, ball)
+
+
+def _ground(
+    skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], holds: Mapping[str, Foothold]
+) -> float:
+    """How far (m) to lift the clip so that the soles that stand do so on the floor."""
+    place = positions(skeleton.parents, skeleton.centers, world, move)
+    heights = []
+    for leg in limbs:
+        for stands, point in ((holds[leg.side].heel, leg.heel), (holds[leg.side].ball, leg.ball)):
+            path = place[:, leg.ankle] + rotate(world[:, leg.ankle], point - skeleton.centers[leg.ankle])
+            heights.append(path[stands, 1])
+    found = np.concatenate(heights) if heights else np.zeros(0)
+    if not found.size:
+        found = place[:, [leg.ankle for leg in limbs], 1].min(axis=1) - limbs[0].length * 0.1
+    return floor_at_rest(skeleton) - float(np.median(found))
+

@@ -1,0 +1,264 @@
+"""Clips that live in H-Anim files: HAnimMotion (X3D 4.0) and interpolators, to and from `Motion`.
+
+Meaning as in browsers (note hanim.md, 5): HAnimMotion angles are degrees, `Zrotation Xrotation Yrotation` is Rz Rx Ry,
+positions go straight to Joint.translation; OrientationInterpolators turn by slerp, keys are clamped at their ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vitruvian.body.rotations import from_axis_angle, from_euler, from_vector, multiply, slerp, to_euler
+from vitruvian.body.types import Floats, Skeleton, require
+from vitruvian.errors import warn
+from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
+from vitruvian.motion.names import hanim_name, joint_index
+from vitruvian.motion.types import Motion
+
+
+def motion_of(
+    humanoid: Humanoid, skeleton: Skeleton, *, fps: float = 30, name: str | None = None, rebase: bool = False
+) -> Motion | None:
+    """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
+
+    The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor that
+    drives most tracks, sampled at `fps`. `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions are
+    taken as places (as in BVH) instead of offsets, so the rest centre is taken off them.
+    Joints without animation keep the pose of the file.
+    """
+    data = [m for m in humanoid.motions if m.values.size and (name is None or m.name == name)]
+    if data:
+        chosen = next((m for m in data if m.enabled), data[0])
+        return _from_data(chosen, skeleton, rebase)
+    tracks = [t for t in humanoid.tracks if len(t.keys) and (name is None or t.timer == name)]
+    if not tracks:
+        return None
+    timers = [t.timer for t in tracks]
+    timer = max(dict.fromkeys(timers), key=timers.count)
+    return _from_tracks([t for t in tracks if t.timer == timer], skeleton, fps)
+
+
+def _joint(skeleton: Skeleton, name: str) -> int | None:
+    """Index by the name itself, else by what the standard's other version calls it."""
+    if name in skeleton.index:
+        return skeleton.index[name]
+    known = hanim_name(name)
+    return joint_index(skeleton.names).get(known) if known else None
+
+
+def _finish(
+    skeleton: Skeleton, fps: float, rotation: Floats, shift: Floats, weights: dict[str, Floats], loop: bool, name: str
+) -> Motion:
+    still = np.abs(shift[:, 1:] - skeleton.translation[1:]).max(initial=0.0) < 1e-12
+    return Motion(
+        skeleton,
+        fps,
+        rotation,
+        shift[:, 0],
+        joint_translation=None if still else shift,
+        weights=weights,
+        loop=loop,
+        name=name,
+    )
+
+
+def _pose(skeleton: Skeleton, frames: int) -> tuple[Floats, Floats]:
+    rotation = np.repeat(skeleton.rotation[None], frames, axis=0)
+    return rotation, np.repeat(skeleton.translation[None], frames, axis=0)
+
+
+def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
+    width = sum(len(c) for c in data.channels)
+    values = np.asarray(data.values, dtype=np.float64)
+    title = f"HAnimMotion {data.name}".strip()
+    require(len(data.joints) == len(data.channels), title, "one group of channels per joint", len(data.channels))
+    require(values.ndim == 2 and values.shape[1] == width, title, f"values of shape (frames, {width})", values.shape)
+    require(bool(np.isfinite(values).all()), title, "finite values", "NaN or infinity")
+    require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
+    rotation, shift = _pose(skeleton, len(values))
+    column, lost = 0, []
+    for joint, channels in zip(data.joints, data.channels):
+        columns = range(column, column + len(channels))
+        column += len(channels)
+        if joint == "IGNORED":
+            continue
+        j = _joint(skeleton, joint)
+        if j is None:
+            lost.append(joint)
+            continue
+        turns = [(c[0].upper(), values[:, k]) for c, k in zip(channels, columns) if c[1:].lower() == "rotation"]
+        if turns:
+            q = from_vector(np.zeros(3))
+            order = "".join(letter for letter, _ in turns)
+            if sorted(order) == ["X", "Y", "Z"]:
+                rotation[:, j] = from_euler(np.radians(np.stack([v for _, v in turns], axis=1)), order)
+            else:
+                for letter, degrees in turns:
+                    axis = np.eye(3)["XYZ".index(letter)]
+                    q = multiply(q, from_vector(np.radians(degrees)[:, None] * axis))
+                rotation[:, j] = q
+        for channel, k in zip(channels, columns):
+            if channel[1:].lower() == "position":
+                axis = "XYZ".index(channel[0].upper())
+                shift[:, j, axis] = values[:, k]
+                if rebase:
+                    parent = skeleton.parents[j]
+                    rest = skeleton.centers[j] - (skeleton.centers[parent] if parent >= 0 else 0.0)
+                    shift[:, j, axis] -= rest[axis]
+    if lost:
+        warn(f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out")
+    loop = data.loop and len(values) > 1
+    if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
+        rotation, shift = rotation[:-1], shift[:-1]
+    return _finish(skeleton, 1 / data.frame_duration, rotation, shift, {}, loop, data.name)
+
+
+def _same_frame(rotation: Floats, shift: Floats) -> bool:
+    """Whether the last frame is the first again."""
+    same = np.abs(np.sum(rotation[0] * rotation[-1], axis=-1)) > 1 - 1e-7
+    return bool(same.all() and np.abs(shift[0] - shift[-1]).max(initial=0.0) < 1e-5)
+
+
+def sample_track(track: Track, fraction: Floats) -> Floats:
+    """Values (n,k) of an interpolator at fractions (n,): rotations as `xyzw` quaternions by slerp, else linear.
+
+    Clamped outside the keys; of equal keys the later one counts from there on.
+    """
+    keys = np.asarray(track.keys, dtype=np.float64)
+    values = np.asarray(track.values, dtype=np.float64).reshape(len(keys), -1)
+    if track.field == "rotation":
+        values = from_axis_angle(values)
+    if len(keys) == 1:
+        return np.repeat(values, len(fraction), axis=0)
+    right = np.clip(np.searchsorted(keys, fraction, side="right"), 1, len(keys) - 1)
+    span = keys[right] - keys[right - 1]
+    t = np.clip((fraction - keys[right - 1]) / np.where(span > 0, span, 1.0), 0.0, 1.0)
+    t = np.where(span > 0, t, 1.0)
+    if track.field == "rotation":
+        return slerp(values[right - 1], values[right], t)
+    return values[right - 1] + (values[right] - values[right - 1]) * t[:, None]
+
+
+def _from_tracks(tracks: list[Track], skeleton: Skeleton, fps: float) -> Motion:
+    interval = max(float(t.interval) for t in tracks)
+    require(0 < interval < np.inf, f"TimeSensor {tracks[0].timer}", "a cycleInterval above zero", interval)
+    loop = all(t.loop for t in tracks)
+    closed = loop and all(_closed(t) for t in tracks)
+    frames = max(1, int(round(interval * fps))) + (0 if closed else 1)
+    fraction = np.clip(np.arange(frames) / max(interval * fps, 1e-9), 0.0, 1.0)
+    rotation, shift = _pose(skeleton, frames)
+    weights: dict[str, Floats] = {}
+    lost = []
+    for track in tracks:
+        if track.field == "weight":
+            weights[track.target] = sample_track(track, fraction)[:, 0]
+            continue
+        j = _joint(skeleton, track.target)
+        if j is None or track.field not in ("rotation", "translation"):
+            lost.append(f"{track.target or 'the humanoid'} {track.field}")
+        elif track.field == "rotation":
+            rotation[:, j] = sample_track(track, fraction)
+        else:
+            shift[:, j] = sample_track(track, fraction)
+    if lost:
+        warn(f"animation {tracks[0].timer}: {', '.join(lost[:4])} can't be carried by a motion of joints; left out")
+    return _finish(skeleton, fps, rotation, shift, weights, loop, tracks[0].timer)
+
+
+def _closed(track: Track) -> bool:
+    ends = sample_track(track, np.array([0.0, 1.0]))
+    if track.field == "rotation":
+        return bool(abs(ends[0] @ ends[1]) > 1 - 1e-7)
+    return bool(np.abs(ends[0] - ends[1]).max() < 1e-6)
+
+
+def _frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Rotations (n,J,4), translations (n,J,3) and weights, with one frame more at the end of a loop: the first again.
+
+    A walk that goes somewhere ends one step further instead of jumping back to where it began.
+    """
+    shift = motion.joint_translation
+    if shift is None:
+        shift = np.repeat(motion.skeleton.translation[None], len(motion), axis=0)
+        shift[:, 0] = motion.translation
+    if not motion.loop or len(motion) < 2:
+        return motion.rotation, shift, motion.weights
+    rotation = np.concatenate([motion.rotation, motion.rotation[:1]])
+    # the last rotation keeps the hemisphere of its neighbour
+    flip = np.sum(rotation[-1] * rotation[-2], axis=-1) < 0
+    rotation[-1, flip] *= -1
+    travel = motion.translation[-1] - motion.translation[0]
+    step = np.linalg.norm(np.diff(motion.translation, axis=0), axis=1).max()
+    last = shift[:1].copy()
+    if np.linalg.norm(travel) > 3 * max(step, 1e-9):
+        last[0, 0] = 2 * shift[-1, 0] - shift[-2, 0]
+    weights = {name: np.append(w, w[0]) for name, w in motion.weights.items()}
+    return rotation, np.concatenate([shift, last]), weights
+
+
+def _moves(values: Floats, rest: Floats) -> bool:
+    return bool(np.abs(values - rest).max(initial=0.0) > 1e-7)
+
+
+def axis_angles(rotation: Floats) -> Floats:
+    """`x y z angle` (n,4) of quaternions (n,4) along time, without jumps of axis or angle.
+
+    The axis keeps its side from key to key and its direction where nothing turns; the angle may be negative or beyond pi.
+    """
+    length = np.linalg.norm(rotation[:, :3], axis=1)
+    known = length > 1e-9
+    if not known.any():
+        return np.tile([0.0, 0.0, 1.0, 0.0], (len(rotation), 1))
+    nearest = np.maximum.accumulate(np.where(known, np.arange(len(rotation)), -1))
+    nearest = np.where(nearest < 0, int(np.argmax(known)), nearest)
+    axis = (rotation[:, :3] / np.where(known, length, 1.0)[:, None])[nearest]
+    dots = np.sum(axis[1:] * axis[:-1], axis=1)
+    sign = np.concatenate([[1.0], np.cumprod(np.where(dots < 0, -1.0, 1.0))])
+    angle = 2 * np.arctan2(np.where(known, length, 0.0), rotation[:, 3]) * sign
+    # whole turns are not told apart; of q and -q take the smaller angle at the start, then follow
+    angle = np.unwrap(angle)
+    angle -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
+    return np.concatenate([axis * sign[:, None], angle[:, None]], axis=1)
+
+
+def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
+    """Interpolator tracks with one key per frame: rotation of every joint that turns, translation of those that move,
+    weights of displacers. Keys 0..1 over the clip; a loop gets the first frame as its last key."""
+    rotation, shift, weights = _frames_to_write(motion)
+    count = len(rotation)
+    keys = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
+    interval = max(count - 1, 1) / motion.fps
+    make = lambda target, field, values: Track(target, field, keys, values, interval, motion.loop, timer)  # noqa: E731
+    tracks = []
+    for j, name in enumerate(motion.skeleton.names):
+        if j == 0 and _moves(shift[:, 0], np.zeros(3)) or j > 0 and _moves(shift[:, j], motion.skeleton.translation[j]):
+            tracks.append(make(name, "translation", shift[:, j]))
+        if _moves(np.abs(rotation[:, j, 3]), np.ones(1)) or _moves(rotation[:, j, :3], np.zeros(3)):
+            tracks.append(make(name, "rotation", axis_angles(rotation[:, j])))
+    return tracks + [make(name, "weight", w[:, None]) for name, w in weights.items()]
+
+
+def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
+    """The clip as one HAnimMotion: translation and rotation of the first joint, rotations of the others that turn.
+
+    Angles in degrees, continuous, rotation channels in `order`; enabled and loop are always said, because engines differ
+    in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
+    """
+    rotation, shift, _ = _frames_to_write(motion)
+    joints, channels, columns = [], [], []
+    turning = tuple(f"{c}rotation" for c in order.upper())
+    place = ("Xposition", "Yposition", "Zposition")
+    for j, name in enumerate(motion.skeleton.names):
+        slides = j == 0 or _moves(shift[:, j], motion.skeleton.translation[j])
+        turns = j == 0 or _moves(rotation[:, j, :3], np.zeros(3))
+        if not slides and not turns:
+            continue
+        joints.append(name)
+        channels.append((place if slides else ()) + (turning if turns else ()))
+        if slides:
+            columns.append(shift[:, j])
+        if turns:
+            columns.append(np.degrees(to_euler(rotation[:, j], order, continuous=True)))
+    return MotionData(
+        motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop
+    )
