@@ -58,7 +58,7 @@ def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), 
     html = (FOLDER / "index.html").read_text("utf-8")
     html = _replace(html, r"<script type=\"importmap\">.*?</script>\s*", "")
     style = (FOLDER / "style.css").read_text("utf-8")
-    html = _replace(html, r"<link rel=\"stylesheet\"[^>]*>", f"<style>\n{style}</style>")
+    html = _replace(html, r"<link rel=\"stylesheet\"[^>]*>", lambda _: f"<style>\n{style}</style>")
     policy = (
         "default-src 'none'; script-src 'unsafe-inline' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
         "connect-src 'none'; base-uri 'none'; form-action 'none'"

@@ -12,6 +12,7 @@ import base64
 import contextlib
 import hashlib
 import hmac
+import logging
 import re
 import secrets
 import socket
@@ -291,16 +292,20 @@ async def _converse(ws: WebSocket, showing: Showing, token: str) -> None:
         await ws.close(1008, f"expected version {VERSION}; reload the page")
         return
     page = _Page(ws, showing)
-    sender = asyncio.create_task(page.send())
+    tasks = {asyncio.create_task(page.send()), asyncio.create_task(page.listen())}
     try:
-        await page.listen()
-    except (WebSocketDisconnect, RuntimeError):
-        pass
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            error = task.exception()
+            if error is not None and not isinstance(error, (WebSocketDisconnect, RuntimeError, OSError)):
+                logging.getLogger(__name__).error("the page was closed", exc_info=error)
+                with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
+                    await ws.close(1011, str(error)[:100])
     finally:
-        sender.cancel()
         showing.wake.discard(page.event)
-        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, OSError):
-            await sender
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _text(ws: WebSocket) -> str:

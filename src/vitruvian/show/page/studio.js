@@ -198,9 +198,9 @@ export class Studio {
       return { position: face.clone().add(new THREE.Vector3(0.09, 0.0, 0.66)), target: face };
     }
     const bars = 1 + 60 / Math.max(this.canvas.clientHeight, 200);
-    const distance = (height * 0.56 * bars) / half / narrow;
+    const distance = (height * 0.585 * bars) / half / narrow;
     const turn = { start: 0.5, front: 0, side: Math.PI / 2, back: Math.PI }[view];
-    const target = new THREE.Vector3(middle.x, low[1] + 0.495 * height, middle.z);
+    const target = new THREE.Vector3(middle.x, low[1] + 0.475 * height, middle.z);
     const rise = 0.33 * height; // the camera is a little below eye height and looks slightly down
     const flat = Math.sqrt(distance * distance - rise * rise);
     const offset = new THREE.Vector3(Math.sin(turn) * flat, rise, Math.cos(turn) * flat);
