@@ -11,7 +11,8 @@ struct Bucket {
     int influences;         // per vertex, padded with weight 0; 0 (linear only): rows of any length
     int64_t count;          // vertices
     const float* rest;      // (count, 3) or (groups, 3, 8)
-    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],); largest weight first
+    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],): place of the joint in
+                            // the table, in floats; the largest weight first
     const float* weight;    // as joint
     const int32_t* row;     // (count + 1,) when influences is 0
     const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i
@@ -27,7 +28,7 @@ struct RigidJob {
     bool twists;             // exp of the sum of the table's half twists, after the base motion
     const float* bases;      // (frames, base_rows, 8) dual quaternions, or null for none
     int64_t base_rows;
-    const int32_t* base;     // (groups, 8) row of `bases` of each vertex
+    const int32_t* base;     // (groups, 8) place in `bases` of each vertex
     const float* mix;        // (frames, vertices) share of the result in out; null: all of it
     float* out;
     bool whole;

@@ -4,6 +4,9 @@
 #include <cstdint>
 #include <cstring>
 #include <math.h>
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 namespace vt::VT_NS {
 
@@ -12,12 +15,15 @@ namespace vt::VT_NS {
 typedef float f4 __attribute__((vector_size(16)));
 typedef float f8 __attribute__((vector_size(32)));
 #if defined(__clang__) || __GNUC__ >= 12
-#define VT_SHUFFLE4(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #define VT_SHUFFLE8(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
-typedef int32_t i4 __attribute__((vector_size(16)));
 typedef int32_t i8 __attribute__((vector_size(32)));
 #define VT_SHUFFLE8(a, b, ...) __builtin_shuffle(a, b, (i8){__VA_ARGS__})
+#endif
+#if defined(__AVX__)
+static inline f8 join(f4 a, f4 b) { return _mm256_insertf128_ps(_mm256_castps128_ps256(a), b, 1); }
+#else
+static inline f8 join(f4 a, f4 b) { return f8{a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]}; }
 #endif
 static inline f8 all(float x) { return f8{x, x, x, x, x, x, x, x}; }
 static inline f8 where_negative(f8 x, f8 yes, f8 no) { return x < 0.0f ? yes : no; }
@@ -74,20 +80,24 @@ static inline f8 load8(const float* p) {
 static inline void store4(float* p, f4 v) { memcpy(p, &v, sizeof v); }
 static inline void store8(float* p, f8 v) { memcpy(p, &v, sizeof v); }
 
+#if defined(__AVX__)
+static inline f8 root(f8 x) { return _mm256_sqrt_ps(x); }
+static inline bool any_below(f8 x, float limit) { return _mm256_movemask_ps(x - limit) != 0; }
+#else
 static inline f8 root(f8 x) {
     float v[8];
     store8(v, x);
     for (int i = 0; i < 8; ++i) v[i] = sqrtf(v[i]);
     return load8(v);
 }
-
 static inline bool any_below(f8 x, float limit) {
     float v[8];
-    store8(v, x);
+    store8(v, x - limit);
     int found = 0;
-    for (int i = 0; i < 8; ++i) found |= v[i] < limit;
+    for (int i = 0; i < 8; ++i) found |= v[i] < 0.0f;
     return found;
 }
+#endif
 
 // Columns of 8 rows of 8 floats: out[k] lane l = row l, place k.
 static inline void transpose(const float* const row[8], f8 out[8]) {
@@ -95,9 +105,7 @@ static inline void transpose(const float* const row[8], f8 out[8]) {
     for (int half = 0; half < 2; ++half) {
         f8 r[4];
         for (int i = 0; i < 4; ++i) {
-            const f4 a = load4(row[i] + 4 * half), b = load4(row[i + 4] + 4 * half);
-            memcpy(&r[i], &a, 16);
-            memcpy(reinterpret_cast<char*>(&r[i]) + 16, &b, 16);
+            r[i] = join(load4(row[i] + 4 * half), load4(row[i + 4] + 4 * half));
         }
         const f8 t0 = VT_SHUFFLE8(r[0], r[1], 0, 8, 1, 9, 4, 12, 5, 13);
         const f8 t1 = VT_SHUFFLE8(r[0], r[1], 2, 10, 3, 11, 6, 14, 7, 15);
@@ -111,6 +119,20 @@ static inline void transpose(const float* const row[8], f8 out[8]) {
 #else
     for (int k = 0; k < 8; ++k)
         for (int l = 0; l < 8; ++l) out[k][l] = row[l][k];
+#endif
+}
+
+// x0 y0 x1 y1 ... x7 y7
+static inline void interleave(f8 x, f8 y, float out[16]) {
+#if defined(VT_VECTORS)
+    const f8 a = VT_SHUFFLE8(x, y, 0, 8, 1, 9, 4, 12, 5, 13), b = VT_SHUFFLE8(x, y, 2, 10, 3, 11, 6, 14, 7, 15);
+    store8(out, VT_SHUFFLE8(a, b, 0, 1, 2, 3, 8, 9, 10, 11));
+    store8(out + 8, VT_SHUFFLE8(a, b, 4, 5, 6, 7, 12, 13, 14, 15));
+#else
+    for (int l = 0; l < 8; ++l) {
+        out[2 * l] = x[l];
+        out[2 * l + 1] = y[l];
+    }
 #endif
 }
 

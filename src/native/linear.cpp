@@ -29,36 +29,43 @@ inline f4 high(f8 v) {
     memcpy(&r, reinterpret_cast<const char*>(&v) + 16, 16);
     return r;
 }
+inline void store2(float* p, f4 v) { memcpy(p, &v, 8); }
 
 template <int K>
 inline Blend blend(const float* table, const int32_t* joint, const float* weight, int64_t count) {
-    const int64_t n = K ? K : count;
     Blend b;
-    b.xy = b.zt = all(0.0f);
-    for (int64_t k = 0; k < n; ++k) {
-        const float* m = table + int64_t(joint[k]) * 16;
-        b.xy += load8(m) * weight[k];
-        b.zt += load8(m + 8) * weight[k];
+    if (!K && !count) {
+        b.xy = b.zt = all(0.0f);
+        return b;
+    }
+    b.xy = load8(table + joint[0]) * weight[0];
+    b.zt = load8(table + joint[0] + 8) * weight[0];
+    for (int64_t k = 1; k < (K ? K : count); ++k) {
+        b.xy += load8(table + joint[k]) * weight[k];
+        b.zt += load8(table + joint[k] + 8) * weight[k];
     }
     return b;
 }
 
 inline f4 move(const Blend& b, const float* p) {
-    return low(b.xy) * p[0] + high(b.xy) * p[1] + low(b.zt) * p[2] + high(b.zt);
+    return low(b.xy) * p[0] + high(b.xy) * p[1] + (low(b.zt) * p[2] + high(b.zt));
 }
 
 template <int K>
 void points(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
-    for (int64_t i = first; i < last; ++i) {
+    const auto one = [&](int64_t i, f4 p) {
         const int64_t entry = K ? i * K : bucket.row[i];
         const int64_t count = K ? K : bucket.row[i + 1] - entry;
-        const float* p = bucket.rest + i * 3;
-        const f4 moved = move(blend<K>(table, bucket.joint + entry, bucket.weight + entry, count), p);
+        const Blend b = blend<K>(table, bucket.joint + entry, bucket.weight + entry, count);
+        const f4 moved = p + move(b, bucket.rest + i * 3);
         float* o = out + 3 * (bucket.target ? bucket.target[i] : i);
-        o[0] = p[0] + moved[0];
-        o[1] = p[1] + moved[1];
-        o[2] = p[2] + moved[2];
-    }
+        store2(o, moved);
+        o[2] = moved[2];
+    };
+    for (int64_t i = first; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
+    float p[4] = {0, 0, 0, 0};  // the last position has nothing behind it to read
+    memcpy(p, bucket.rest + (last - 1) * 3, 12);
+    one(last - 1, load4(p));
 }
 
 template <int K>

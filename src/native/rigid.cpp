@@ -21,7 +21,7 @@ inline f8 dot(const f8* a, const f8* b) { return a[0] * b[0] + a[1] * b[1] + a[2
 
 inline Dual gather(const float* table, const int32_t* index) {
     const float* row[8];
-    for (int l = 0; l < 8; ++l) row[l] = table + int64_t(index[l]) * 8;
+    for (int l = 0; l < 8; ++l) row[l] = table + index[l];
     Dual d;
     transpose(row, d.v);
     return d;
@@ -35,7 +35,7 @@ inline Dual sum_rows(const float* table, const int32_t* joint, const float* weig
     for (int l = 0; l < 8; ++l) {
         f8 total = all(0.0f);
         for (int k = 0; k < (K ? K : n); ++k)
-            total += load8(table + int64_t(joint[k * 8 + l]) * 8) * weight[k * 8 + l];
+            total += load8(table + joint[k * 8 + l]) * weight[k * 8 + l];
         store8(rows[l], total);
         row[l] = rows[l];
     }
@@ -85,7 +85,7 @@ inline void normalise(Dual& b, const float* table, const int32_t* joint) {
         for (int c = 0; c < 8; ++c) store8(v[c], b.v[c]);
         for (int l = 0; l < 8; ++l)
             if (size[l] < 1e-14f)
-                for (int c = 0; c < 8; ++c) v[c][l] = table[int64_t(joint[l]) * 8 + c];
+                for (int c = 0; c < 8; ++c) v[c][l] = table[joint[l] + c];
         for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
         length = dot(b.v, b.v);
     }
@@ -194,25 +194,23 @@ inline Dual blend_twists(const float* table, const int32_t* index, const float* 
 }
 
 inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 moved[3], const float* mix, float* out) {
-    float v[3][8];
-    for (int c = 0; c < 3; ++c) store8(v[c], moved[c]);
     const int64_t count = last - place < 8 ? last - place : 8;
+    float v[3][8];
     if (mix) {
+        for (int c = 0; c < 3; ++c) store8(v[c], moved[c]);
         for (int64_t l = 0; l < count; ++l) {
             const int64_t t = bucket.target ? bucket.target[place + l] : place + l;
             for (int c = 0; c < 3; ++c) out[3 * t + c] += mix[t] * (v[c][l] - out[3 * t + c]);
         }
-    } else if (bucket.target || count < 8) {
-        for (int64_t l = 0; l < count; ++l) {
-            float* o = out + 3 * (bucket.target ? bucket.target[place + l] : place + l);
-            o[0] = v[0][l];
-            o[1] = v[1][l];
-            o[2] = v[2][l];
-        }
-    } else {
-        float* o = out + 3 * place;
-        for (int l = 0; l < 8; ++l)
-            for (int c = 0; c < 3; ++c) o[3 * l + c] = v[c][l];
+        return;
+    }
+    float xy[8][2];
+    interleave(moved[0], moved[1], xy[0]);
+    store8(v[2], moved[2]);
+    for (int64_t l = 0; l < count; ++l) {
+        float* o = out + 3 * (bucket.target ? bucket.target[place + l] : place + l);
+        memcpy(o, xy[l], 8);
+        o[2] = v[2][l];
     }
 }
 

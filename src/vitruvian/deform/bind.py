@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 RULES = ("as_file", "normalise")
+MATRIX, DUAL = 16, 8  # floats per joint in the tables of the linear and of the rigid kernels
 LANES = 8  # vertices that the kernels of rigid operators work on at once
 
 
@@ -136,6 +137,7 @@ def bind(weights: Weights, joints: int, *, rule: str = "as_file", rigid: bool = 
 class Bucket:
     """Vertices with up to `width` influences each; `width` 0: any number, in rows.
 
+    `joint` holds places in the kernel's table, in floats: the joint times 16 (plain) or 8 (lanes).
     Plain layout, `lanes` 1: joint and weight (n, width), rest (n,3). Lane layout: vertices in groups of `lanes`, joint
     and weight (g, width, lanes), rest (g,3,lanes); the last group repeats its last vertex.
     `vertices` are those of all places; target (n,) is the same without repeats, None when it is all vertices in order.
@@ -192,7 +194,7 @@ def _rows(rows: Influences, rest: Floats, chosen: Ints) -> Bucket:
     row = np.zeros(len(chosen) + 1, np.int32)
     np.cumsum(counts, out=row[1:])
     entry = np.repeat(rows.row[chosen] - row[:-1], counts) + np.arange(row[-1])
-    joint, weight = rows.joint[entry], rows.weight[entry].astype(np.float32)
+    joint, weight = rows.joint[entry] * np.int32(MATRIX), rows.weight[entry].astype(np.float32)
     target = None if len(chosen) == len(rows) else chosen
     return Bucket(0, 1, len(chosen), chosen, rest[chosen].astype(np.float32), joint, weight, row, target)
 
@@ -211,5 +213,6 @@ def _bucket(rows: Influences, rest: Floats, chosen: Ints, width: int, lanes: int
         weight = np.where(real, rows.weight[entry], 0.0).astype(np.float32)
     else:
         joint, weight = np.zeros(real.shape, np.int32), np.zeros(real.shape, np.float32)
+    joint = joint * np.int32(MATRIX if lanes == 1 else DUAL)
     points = _lay(rest[chosen].astype(np.float32), lanes)
     return Bucket(width, lanes, count, chosen, points, _lay(joint, lanes), _lay(weight, lanes), None, target)

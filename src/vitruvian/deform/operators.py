@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import LANES, Bucket, Influences, buckets
+from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, buckets
 from vitruvian.deform.motions import RIGID, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
@@ -97,7 +97,7 @@ class Rigid:
     def bases(self) -> list[Ints]:
         """The joint with the largest weight of each vertex, as each bucket lays vertices out."""
         pivot = self.rows.joint[self.rows.row[:-1]][:, None]
-        return [b.lay(pivot).astype(np.int32) for b in self.buckets]
+        return [b.lay(pivot).astype(np.int32) * np.int32(DUAL) for b in self.buckets]
 
     @cached_property
     def used(self) -> Ints:
