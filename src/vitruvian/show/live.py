@@ -60,17 +60,21 @@ def show(
         with contextlib.suppress(KeyboardInterrupt):
             server.run()
         return None
+    window = Window(server, serve(server))
+    if open_browser:
+        webbrowser.open(server.url)
+    return window
+
+
+def serve(server: Server) -> threading.Thread:
+    """Run a server in a thread of its own; returns when it answers."""
     thread = threading.Thread(target=server.run, name="vitruvian page", daemon=True)
     thread.start()
     for _ in range(500):
         if server.started:
-            break
+            return thread
         time.sleep(0.01)
-    else:
-        raise VitruvianError("show: the local server did not start within 5 s")
-    if open_browser:
-        webbrowser.open(server.url)
-    return Window(server, thread)
+    raise VitruvianError("show: the local server did not start within 5 s")
 
 
 def finding_fields(finding: object) -> Mapping[str, Any]:

@@ -378,10 +378,10 @@ class _Page:
 class Server:
     """A showing on a free port of the loopback interface. `url` opens it; `run` serves until `stop`."""
 
-    def __init__(self, showing: Showing, port: int = 0):
+    def __init__(self, showing: Showing, port: int = 0, *, token: str = ""):
         import uvicorn
 
-        self.showing, self.token = showing, secrets.token_hex(16)
+        self.showing, self.token = showing, token or secrets.token_hex(16)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -88,11 +88,20 @@ export class Studio {
     shadow.mapSize.set(2048, 2048);
     Object.assign(shadow.camera, { left: -1.3, right: 1.3, top: 1.5, bottom: -1.5, near: 0.5, far: 9 });
     Object.assign(shadow, { bias: -0.0004, normalBias: 0.012, radius: 5 });
-    const generator = new THREE.PMREMGenerator(this.renderer), sky = softboxes();
-    this.scene.environment = generator.fromEquirectangular(sky).texture;
-    this.scene.environmentIntensity = 0.62;
+    const sky = softboxes(), strength = 0.62;
+    if (this.software) { // prefiltering reflections would take seconds here: only the diffuse part of the same sky
+      this.scene.add(new THREE.LightProbe(harmonics(sky), strength));
+      return;
+    }
+    const texture = new THREE.DataTexture(sky.data, sky.width, sky.height, THREE.RGBAFormat, THREE.FloatType);
+    texture.mapping = THREE.EquirectangularReflectionMapping;
+    texture.magFilter = texture.minFilter = THREE.LinearFilter;
+    texture.needsUpdate = true;
+    const generator = new THREE.PMREMGenerator(this.renderer);
+    this.scene.environment = generator.fromEquirectangular(texture).texture;
+    this.scene.environmentIntensity = strength;
     generator.dispose();
-    sky.dispose();
+    texture.dispose();
   }
 
   backdrop() {
@@ -315,15 +324,24 @@ function softboxes() {
   for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) {
     const u = (x + 0.5) / w, v = (y + 0.5) / h, up = v, k = 4 * (y * w + x);
     const dome = 0.22 + 0.62 * Math.pow(up, 1.3), floor = 0.2 * Math.pow(1 - up, 2);
-    const key = 4.2 * box(u, v, 0.36, 0.72, 0.07, 0.12), side = 1.5 * box(u, v, 0.08, 0.6, 0.05, 0.22), back = 2.2 * box(u, v, 0.75, 0.7, 0.08, 0.14);
+    const key = 4.2 * box(u, v, 0.66, 0.72, 0.07, 0.12), side = 1.5 * box(u, v, 0.92, 0.6, 0.05, 0.22), back = 2.2 * box(u, v, 0.27, 0.7, 0.08, 0.14);
     data[k] = dome * 0.98 + floor * 1.15 + key * 1.02 + side * 0.85 + back;
     data[k + 1] = dome * 0.99 + floor + key * 0.97 + side * 0.95 + back;
     data[k + 2] = dome * 1.03 + floor * 0.85 + key * 0.88 + side * 1.1 + back;
     data[k + 3] = 1;
   }
-  const texture = new THREE.DataTexture(data, w, h, THREE.RGBAFormat, THREE.FloatType);
-  texture.mapping = THREE.EquirectangularReflectionMapping;
-  texture.magFilter = texture.minFilter = THREE.LinearFilter;
-  texture.needsUpdate = true;
-  return texture;
+  return { data, width: w, height: h };
+}
+
+/** Spherical harmonics of degree 2 of an equirectangular picture (row 0 at the bottom). */
+function harmonics({ data, width, height }) {
+  const sh = new THREE.SphericalHarmonics3(), basis = new Array(9), direction = new THREE.Vector3(), color = new THREE.Vector3();
+  for (let y = 0; y < height; y++) for (let x = 0; x < width; x++) {
+    const longitude = ((x + 0.5) / width - 0.5) * 2 * Math.PI, latitude = ((y + 0.5) / height - 0.5) * Math.PI, k = 4 * (y * width + x);
+    direction.set(Math.cos(latitude) * Math.cos(longitude), Math.sin(latitude), Math.cos(latitude) * Math.sin(longitude));
+    THREE.SphericalHarmonics3.getBasisAt(direction, basis);
+    const solid = Math.cos(latitude) * (2 * Math.PI / width) * (Math.PI / height);
+    for (let i = 0; i < 9; i++) sh.coefficients[i].addScaledVector(color.fromArray(data, k), basis[i] * solid);
+  }
+  return sh;
 }
