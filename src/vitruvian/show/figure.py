@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Thing = Union["Humanoid", Body, Clip, Mesh, Motion]
-_BONE = Part("bone", 0, 0, (0.80, 0.78, 0.74), 0.45)
+_BONE = Part("bone", 0, 0, (0.66, 0.61, 0.53), 0.45)
 _WRISTS = ("{}_radiocarpal", "{}_wrist", "{}_hand")
 
 
