@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Single = NDArray[np.float32]
+Single = NDArray[np.floating]  # float32 where it is large
 
 
 def noise(points: Single, channels: int = 1) -> Single:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vitruvian.show.camera import direction
 from vitruvian.show.grain import close, noise
 
-Single = NDArray[np.float32]
+Single = NDArray[np.floating]  # float32 where it is large
 KINDS = ("plain", "skin", "eye", "hair", "cloth", "gloss")
 _WORDS = {
     "skin": ("skin", "face", "flesh", "lips", "nail"),
@@ -250,12 +250,12 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
         out += (box * (fresnel + 0.05) * 14.0 * np.sqrt(np.maximum(s.sky, 0)))[:, None] * np.asarray(
             light.color, np.float32
         )
-    return out + _mirror(replace(s, roughness=np.full_like(s.roughness, 0.1)), studio, 0.03, np.float32(0.1))
+    return out + _mirror(replace(s, roughness=np.full_like(s.roughness, 0.1)), studio, 0.03, s.roughness * 0 + 0.1)
 
 
 def _hair(s: Samples, studio: Studio, heading: float) -> Single:
-    strand = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
-    strand = _unit(strand + 1e-4)
+    flat = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
+    strand = _unit(flat + 1e-4)
     out = s.albedo * _dome(s, studio, s.normal)
     for light in studio.lights():
         to = light.towards(heading)
