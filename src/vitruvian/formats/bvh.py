@@ -245,7 +245,7 @@ def _motion(
     ends = [(i, name, point) for i, j in enumerate(joints) for name, point in j.ends]
     site_points = np.array([rest[i] + point for i, _, point in ends]).reshape(-1, 3)
     names = [j.name for j in joints]
-    posed = _sample(parents, rest, rotation, shift)
+    posed = _sample(parents, rest, rotation, shift) if up is None else np.zeros((0, *rest.shape))
     try:
         turn, why_up = _upright(names, rest, posed, up)
         scale, why_unit = _unit(np.concatenate([rest, site_points]), turn, unit)
@@ -296,14 +296,23 @@ def _rotations(joints: list[_Joint], values: Floats) -> Floats:
             columns += [column + i for i, c in enumerate(channels) if c[1] == "r"]
         column += len(channels)
     for order, (owner, columns) in groups.items():
-        angles = np.radians(values[:, columns]).reshape(len(values), len(owner), len(order))
+        angles = np.radians(values[:, _span(columns)]).reshape(len(values), len(owner), len(order))
         if len(order) == 3:
-            out[:, owner] = from_euler(angles, order)
-        else:
-            axes = np.eye(3)[["XYZ".index(c) for c in order]]
-            turns = [from_vector(angles[..., i, None] * axes[i]) for i in range(len(order))]
-            out[:, owner] = turns[0] if len(turns) == 1 else multiply(turns[0], turns[1])
+            turns = from_euler(angles, order)
+            if len(owner) == len(joints):
+                return turns
+            out[:, _span(owner)] = turns
+            continue
+        axes = np.eye(3)[["XYZ".index(c) for c in order]]
+        turns = from_vector(angles[..., 0, None] * axes[0])
+        out[:, owner] = turns if len(order) == 1 else multiply(turns, from_vector(angles[..., 1, None] * axes[1]))
     return out
+
+
+def _span(places: list[int]) -> slice | list[int]:
+    """The same places as a slice when they are in a row: no copy."""
+    row = places == list(range(places[0], places[0] + len(places)))
+    return slice(places[0], places[0] + len(places)) if row else places
 
 
 def _shifts(joints: list[_Joint], values: Floats, offsets: Floats) -> Floats | None:
@@ -341,9 +350,10 @@ def _upright(names: list[str], rest: Floats, posed: Floats, up: str | None) -> t
         low, high = found.get("humanoid_root", 0), found.get("skullbase", found.get("vc4"))
         if high is not None and np.linalg.norm(rest[high] - rest[low]) > 0:
             both = [(p[high] - p[low]) / max(np.linalg.norm(p[high] - p[low]), 1e-300) for p in [*posed, rest]]
-            # the clip decides, its rest pose when nothing moves: what lies down at rest may stand up in the clip
-            spine = np.mean(both[:-1], axis=0) if len(posed) else both[-1]
-            why = "from hips to head in the clip"
+            # the clip decides when it mostly stands upright, because what lies down at rest may stand up in it
+            spine, why = np.mean(both[:-1], axis=0) if len(posed) else both[-1], "from hips to head in the clip"
+            if np.abs(spine).max() < 0.8:
+                spine, why = both[-1], "from hips to head at rest"
         else:
             size = np.ptp(rest, axis=0)
             spine = np.eye(3)[1 if size[1] >= size[2] else 2]

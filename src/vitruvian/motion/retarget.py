@@ -17,15 +17,14 @@ from vitruvian.body.rotations import between, from_matrix, inverse, multiply, ro
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import Leg, floor_at_rest, legs, runs, standing
+from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import Foothold, plant
-from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
+from vitruvian.motion.names import FINGER_JOINTS, NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
 from vitruvian.motion.types import Motion
 
 UP = np.array([0.0, 1.0, 0.0])
-FINGERS = [f"{part}_{k}" for k in range(1, 6) for part in ("carpometacarpal", "metacarpophalangeal")]
-FINGERS += ["carpal_interphalangeal_1"]
-FINGERS += [f"carpal_{p}_interphalangeal_{k}" for k in range(2, 6) for p in ("proximal", "distal")]
+FINGERS = [n for joints in FINGER_JOINTS.values() for n in joints] + [f"carpometacarpal_{k}" for k in range(2, 6)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +145,7 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
         raise VitruvianError(
             f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
         )
-    roles = match(skeleton.names, dict(names or {}))
+    roles = match(skeleton.names, names)
     twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
     if twice:
         raise VitruvianError(f"names: two joints of the clip are given to {twice[0]}; expected one")
@@ -271,13 +270,8 @@ def _align_fingers(
     source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
 ) -> None:
     for k in range(1, 6):
-        middle = (
-            ("carpal_interphalangeal_1",)
-            if k == 1
-            else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
-        )
-        chain = [f"{side}_{n}" for n in (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", *middle)]
-        chain = [n for n in chain if n in align]
+        joints = FINGER_JOINTS[k] if k == 1 else (f"carpometacarpal_{k}", *FINGER_JOINTS[k])
+        chain = [n for joint in joints if (n := f"{side}_{joint}") in align]
         for near, far in zip(chain, chain[1:]):
             own = skeleton.centers[target[far]] - skeleton.centers[target[near]]
             his = source.rest[source.index[far]] - source.rest[source.index[near]]
@@ -405,8 +399,6 @@ def _untwist(local: Floats, skeleton: Skeleton, target: dict[str, int], share: f
 
 def _relax_fingers(local: Floats, skeleton: Skeleton, target: dict[str, int], given: list[bool]) -> None:
     """Fingers that the clip says nothing about hang as those of a hand at rest."""
-    from vitruvian.motion.hands import relaxed
-
     for name, turn in relaxed(skeleton).items():
         if not given[target[name]]:
             local[:, target[name]] = turn

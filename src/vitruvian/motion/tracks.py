@@ -12,7 +12,8 @@ from vitruvian.body.rotations import from_axis_angle, from_euler, from_vector, m
 from vitruvian.body.types import Floats, Skeleton, require
 from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
-from vitruvian.motion.names import hanim_name, joint_index
+from vitruvian.hanim.tables import canonical
+from vitruvian.motion.names import joint_index
 from vitruvian.motion.types import Motion
 
 
@@ -42,7 +43,7 @@ def _joint(skeleton: Skeleton, name: str) -> int | None:
     """Index by the name itself, else by what the standard's other version calls it."""
     if name in skeleton.index:
         return skeleton.index[name]
-    known = hanim_name(name)
+    known = canonical(name)
     return joint_index(skeleton.names).get(known) if known else None
 
 
