@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from figures import CENTERS, figure, wave
+from small_body import CENTERS, figure, wave
 from gltf_player import Player
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.seams import split_seams
