@@ -96,7 +96,7 @@ class Printer:
 
 
 def entries(node: Node) -> Iterator[tuple[str, Node | Use | Comment]]:
-    """(field, child or comment) in XML's order; comments outside of lists stand before their field, under the name ""."""
+    """(field, child or comment) in XML's order; comments outside of lists stand before their field."""
     before: dict[str, list[Comment]] = {}
     for name, comment in node.comments:
         before.setdefault(name, []).append(comment)

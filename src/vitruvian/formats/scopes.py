@@ -48,7 +48,7 @@ class Scopes:
             self.sizes[id(node)] = size
 
     def use(self, name: str) -> tuple[Node | None, int]:
-        """(the node that a USE means, its size): the latest earlier DEF in scope; None when there is none or it is open."""
+        """(the node that a USE means, its size): the latest earlier DEF in scope, None when it is missing or open."""
         node = self.names[-1].get(name)
         if node is None or id(node) in self.open:
             return None, 1

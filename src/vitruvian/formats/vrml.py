@@ -12,7 +12,7 @@ import re
 from vitruvian.errors import FileError, warn
 from vitruvian.formats.printer import Step, run
 from vitruvian.formats.scopes import Scopes
-from vitruvian.formats.source import LIMITS, Limits, decode, read_bytes
+from vitruvian.formats.source import LIMITS, Limits, decode, no_collection, read_bytes, refuse_crowds
 from vitruvian.formats.vrml_lexer import Lexer
 from vitruvian.formats.vrml_writer import write_vrml
 from vitruvian.hanim.fields import ACCESS, native
@@ -36,6 +36,7 @@ __all__ = ["parse_vrml", "read_vrml", "write_vrml"]
 _HEADER = re.compile(r"#(VRML|X3D) V(\d+\.\d+) (utf8|ascii)[ \t]*([^\n]*)")
 _COMPONENT = re.compile(r"([^\s:,#]+)\s*:\s*(\d+)")
 _EMPTY_LIST = re.compile(r"\[(?:[\s,]++|#[^\n]*+)*+\]")
+_RESERVED = frozenset(("ROUTE", "PROTO", "EXTERNPROTO", "IMPORT", "EXPORT", *ACCESS))
 _NESTED = ("ROUTE", "PROTO", "EXTERNPROTO", "IMPORT", "EXPORT")
 
 
@@ -62,8 +63,10 @@ def parse_vrml(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits
     scene = Scene(os.fspath(path), "wrl" if language == "VRML" else "x3dv", version)
     if rest.strip():
         scene.header_comments.append(Comment(rest.strip(), 1))
+    refuse_crowds(path, text, "{", limits.nodes, "nodes")
     reader = _Reader(path, text, header.end(), scene, limits)
-    run(reader.statements(scene.body, ""))
+    with no_collection():
+        run(reader.statements(scene.body, ""))
     reader.scopes.finish()
     return scene
 
@@ -256,7 +259,20 @@ class _Reader:
         self.scopes.begin(node)
         self.sizes.append(1)
         pending: list[Comment] = []
+        fields, count = node.fields, self.scopes.count
         while True:
+            simple = lexer.simple_field()
+            if simple is not None:
+                name, place, text = simple
+                if name not in _RESERVED and name not in fields:
+                    if pending:
+                        node.comments.extend((name, c) for c in pending)
+                        pending = []
+                    line = lexer.line(place)
+                    count(line)
+                    fields[name] = Literal(text, "vrml", line)
+                    lexer.place = place + len(text)
+                    continue
             pending += self.comments()
             if lexer.at("}"):
                 break

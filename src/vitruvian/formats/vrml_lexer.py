@@ -22,7 +22,10 @@ _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _RUN = re.compile(f"{_VALUE}(?:{_GAP}{_VALUE})*+", re.DOTALL)
 _PLAIN_LIST = re.compile(r"\[[-+.,\s0-9eE]*+\]")
 _LIST_BODY = re.compile(rf"\[(?:{_GAP}{_VALUE})*+{_GAP}", re.DOTALL)
-_STARTS_VALUE = re.compile(_VALUE, re.DOTALL)
+_SIMPLE_FIELD = re.compile(
+    rf"""[\s,]*+([^\s"#,.\[\]{{}}]++)[\s,]*+(\[[\s,]*+[-+.0-9][-+.,\s0-9eE]*+\]|{_VALUE}(?:{_GAP}{_VALUE})*+)""",
+    re.DOTALL,
+)
 _LEGAL = re.compile(r"""[^\x00-\x20"#'+,.0-9\[\\\]{}\x7f-][^\x00-\x20"#',.\[\\\]{}\x7f]*""")
 KEYWORDS = frozenset(
     "DEF EXTERNPROTO FALSE IS NULL PROTO ROUTE TO TRUE USE eventIn eventOut exposedField field EXPORT IMPORT AS "
@@ -121,6 +124,14 @@ class Lexer:
             raise self.fail(f"expected {what} in quotes, found {self.found()}")
         self.place = match.end()
         return match[1]
+
+    def simple_field(self) -> tuple[str, int, str] | None:
+        """(name, place of the value, value) when a word and a plain value come next, which most fields are.
+
+        Doesn't move: `place` is set by the caller to the value's end when the word is the name of a field.
+        """
+        match = _SIMPLE_FIELD.match(self.text, self.place)
+        return None if match is None else (match[1], match.start(2), match[2])
 
     def value(self) -> str | None:
         """The source text of a value that holds no nodes; None when a node, a list of nodes or nothing stands here."""

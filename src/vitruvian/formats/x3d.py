@@ -12,7 +12,7 @@ from xml.parsers import expat
 
 from vitruvian.errors import FileError, warn
 from vitruvian.formats.scopes import Scopes, put
-from vitruvian.formats.source import LIMITS, Limits, read_bytes
+from vitruvian.formats.source import LIMITS, Limits, no_collection, read_bytes, refuse_crowds
 from vitruvian.formats.x3d_writer import write_x3d
 from vitruvian.hanim.fields import placement
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
@@ -37,9 +37,11 @@ def parse_x3d(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits 
     start = data[:200].lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith((b"#X3D", b"#VRML")):
         raise FileError(path, 1, "is Classic X3D or VRML, not XML; name it .x3dv or .wrl")
+    refuse_crowds(path, data, b"<", 2 * limits.entries, "XML tags")  # a tag that opens, one that closes
     reader = _Reader(path, limits)
     try:
-        reader.expat.Parse(data, True)
+        with no_collection():
+            reader.expat.Parse(data, True)
     except expat.ExpatError as error:
         what = expat.errors.messages.get(error.code, str(error))
         raise FileError(path, error.lineno, reader.broken(what)) from None

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
 
 import numpy as np
 
 import vitruvian
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import prototypes, tables
+from vitruvian.hanim.build_motion import INTERPOLATORS, motion_node, track_nodes
 from vitruvian.hanim.build_shape import Names, ShapeWriter
 from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Node, Route, Scene, Use
-from vitruvian.hanim.humanoid import Array, Displacer, Humanoid, Joint, MotionData, Segment, Shape, Site, Track
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Site
+from vitruvian.hanim.reading import Reading
 from vitruvian.hanim.segmenting import segmented
+from vitruvian.hanim.studio import studio
 
 _ROTATION = np.array([0.0, 0.0, 1.0, 0.0])
 _PLACE = {
@@ -23,7 +26,31 @@ _PLACE = {
     "scaleOrientation": ("scale_orientation", _ROTATION),
     "center": ("center", np.zeros(3)),
 }
-_INTERPOLATORS = {4: "OrientationInterpolator", 3: "PositionInterpolator", 1: "ScalarInterpolator"}
+# Node types whose meaning the typed view carries (or that are made anew).
+_CARRIED = {
+    *(
+        "Shape",
+        "Appearance",
+        "Material",
+        "PhysicalMaterial",
+        "ImageTexture",
+        "Coordinate",
+        "TextureCoordinate",
+        "Color",
+    ),
+    *(
+        "ColorRGBA",
+        "Normal",
+        "IndexedFaceSet",
+        "IndexedTriangleSet",
+        "TriangleSet",
+        "Box",
+        "Sphere",
+        "Cylinder",
+        "Cone",
+    ),
+    *("Group", "Transform", "TimeSensor", *INTERPOLATORS.values(), "WorldInfo", "NavigationInfo", "Background"),
+}
 # Fields of a Humanoid whose children need a containerField in XML.
 _NAMED = {"skeleton", "joints", "segments", "sites", "viewpoints", "skin", "skinCoord", "skinNormal", "motions"}
 
@@ -87,15 +114,13 @@ class _Builder:
             there, gone = converted(h, self.version)
             self.lost += gone
             ready.append(self._fitted(there))
-        self.out.body += _studio(ready)
+        self.out.body += studio(ready)
         for h in ready:
             self._humanoid(h, "hanim_" if len(ready) == 1 else f"{h.name}_")
         self.out.body += self.routes
         known = sorted(self.shapes.lost)
         lost += self.lost + known
-        foreign = [h for h in humanoids if h.scene is not None]
-        if foreign:
-            lost.append("nodes of the source file outside the humanoid, and unknown nodes inside it")
+        lost += _left_behind(humanoids)
         return self.out
 
     def _fitted(self, h: Humanoid) -> Humanoid:
@@ -103,6 +128,9 @@ class _Builder:
         if self.version != "1.1" or not len(h.skin_coord):
             return h
         self.lost.append("the seamless skin: H-Anim 1.1 has none, its triangles went to the segments of their joints")
+        moved = sum(len(j.displacers) for j in h.joints())
+        if moved:
+            self.lost.append(f"{moved} displacers of joints: H-Anim 1.1 has them under segments only")
         return segmented(h)
 
     def node(self, kind: str, name: str = "") -> Node:
@@ -300,66 +328,6 @@ class _Lists:
         self.by_site: dict[int, Node] = {}
 
 
-def motion_node(motion: MotionData, name: str, *, enabled: bool) -> Node:
-    """An HAnimMotion of that DEF; `enabled` and `loop` are always written, since engines differ on their defaults."""
-    fields: dict[str, object] = {
-        "joints": " ".join(motion.joints),
-        "channels": " ".join(f"{len(g)} {' '.join(g)}" for g in motion.channels),
-        "enabled": bool(enabled),
-        "loop": bool(motion.loop),
-        "frameDuration": float(motion.frame_duration),
-        "endFrame": max(len(motion.values) - 1, 0),
-        "values": np.ascontiguousarray(motion.values).reshape(-1),
-    }
-    if motion.description:
-        fields["description"] = motion.description
-    return Node("HAnimMotion", name, fields)
-
-
-def track_nodes(
-    tracks: list[Track], targets: dict[str, Node], free: Callable[[str], str], prefix: str
-) -> tuple[list[Node], list[Route], list[str]]:
-    """TimeSensors (one per clip), interpolators (one per track), their ROUTEs, and what could not be driven.
-
-    `targets` maps track targets to nodes, `free` hands out DEFs. Only the first clip plays by itself.
-    """
-    timers: dict[str, Node] = {}
-    sensors: list[Node] = []
-    nodes: list[Node] = []
-    routes: list[Route] = []
-    absent: list[str] = []
-    for track in tracks:
-        target = targets.get(track.target)
-        values = track.values.reshape(len(track.keys), -1)
-        width = values.shape[1]
-        kind = target.type.removeprefix("HAnim") if target is not None else ""
-        if target is None or width not in _INTERPOLATORS or (track.field == "weight") != (kind == "Displacer"):
-            absent.append(track.target)
-            continue
-        timer = timers.get(track.timer)
-        if timer is None:
-            timer = timers[track.timer] = Node(
-                "TimeSensor", free(prefix + (track.timer or "timer").removeprefix(prefix))
-            )
-            timer.fields["cycleInterval"] = float(track.interval)
-            timer.fields["loop"] = bool(track.loop)
-            timer.fields["enabled"] = len(timers) == 1
-            sensors.append(timer)
-        label = f"{track.target or 'humanoid'}_{track.field}" + (f"_{track.timer}" if len(timers) > 1 else "")
-        node = Node(_INTERPOLATORS[width], free(prefix + label))
-        node.fields["key"] = track.keys
-        node.fields["keyValue"] = values if width > 1 else values.reshape(-1)
-        nodes.append(node)
-        routes.append(Route(timer.name, "fraction_changed", node.name, "set_fraction"))
-        routes.append(Route(node.name, "value_changed", target.name, f"set_{track.field}"))
-    lost = []
-    if absent:
-        lost.append(f"{len(absent)} tracks without a target ({absent[0] or 'humanoid'})")
-    if len(timers) > 1:
-        lost.append(f"{len(timers)} clips: only the first plays by itself, the other TimeSensors are disabled")
-    return [*sensors, *nodes], routes, lost
-
-
 def _token(name: str) -> str:
     """A name without blanks, as the schema's NMTOKEN wants it."""
     return "_".join(name.split())
@@ -386,79 +354,17 @@ def _place(fields: dict[str, object], thing: Humanoid | Joint | Site) -> None:
             fields[field] = value
 
 
+def _left_behind(humanoids: list[Humanoid]) -> list[str]:
+    """What the source files hold that a new scene does not: node types with their counts."""
+    counts: Counter[str] = Counter()
+    for scene in {id(h.scene): h.scene for h in humanoids if h.scene is not None}.values():
+        reading = Reading(scene)
+        counts.update(n.type for n in scene.walk() if n.type not in _CARRIED and not reading.kind(n))
+    if not counts:
+        return []
+    some = ", ".join(f"{n} {kind}" for kind, n in counts.most_common(8)) + (", ..." if len(counts) > 8 else "")
+    return [f"other nodes of the source file: {some}"]
+
+
 def _credits(humanoids: list[Humanoid]) -> list[str]:
     return [f"{k}={v}" for h in humanoids for k, v in h.info.items() if v][:16] or ["H-Anim humanoid"]
-
-
-def _bounds(humanoids: list[Humanoid]) -> tuple[Array, Array]:
-    """Box around all figures at rest, with the Humanoids' own scale and translation (not their rotation)."""
-    points: list[Array] = []
-    for h in humanoids:
-        own = [np.array([j.center for j in h.joints()]).reshape(-1, 3), h.skin_coord]
-        shapes: list[Shape] = [s for g in h.segments() for s in g.shapes]
-        for s in shapes:
-            if s.points is not None and len(s.points):
-                m = s.transform
-                own.append(s.points if m is None else s.points @ m[:3, :3].T + m[:3, 3])
-        points.append(np.concatenate(own) * h.scale + h.translation)
-    everything = np.concatenate(points)
-    if not len(everything):
-        return np.array([-0.5, 0.0, -0.3]), np.array([0.5, 1.75, 0.3])
-    return everything.min(axis=0), everything.max(axis=0)
-
-
-def _studio(humanoids: list[Humanoid]) -> list[Node]:
-    """Backdrop, lights and cameras that show the whole figure from a little below eye height."""
-    low, high = _bounds(humanoids)
-    size = np.maximum(high - low, 1e-3)
-    middle = (low + high) / 2
-    tall = float(max(size[1], size[0]))
-    field_of_view = 0.6
-    back = 0.58 * tall / np.tan(field_of_view / 2) + size[2] / 2
-    eye = low[1] + 0.78 * size[1]
-    nodes = [
-        Node("NavigationInfo", fields={"type": ["EXAMINE", "ANY"], "headlight": False, "speed": tall}),
-        Node(
-            "Background",
-            fields={
-                "skyColor": np.array([[0.62, 0.68, 0.76], [0.86, 0.89, 0.92], [0.93, 0.94, 0.95]]),
-                "skyAngle": np.array([1.05, 1.57]),
-                "groundColor": np.array([[0.55, 0.55, 0.56], [0.78, 0.79, 0.8], [0.93, 0.94, 0.95]]),
-                "groundAngle": np.array([1.05, 1.57]),
-            },
-        ),
-    ]
-    for direction, intensity, color in (
-        ((-0.5, -0.6, -0.7), 0.75, (1.0, 0.97, 0.92)),
-        ((0.8, -0.2, -0.5), 0.35, (0.85, 0.92, 1.0)),
-        ((0.1, -0.5, 0.9), 0.45, (1.0, 1.0, 1.0)),
-    ):
-        fields = {
-            "direction": np.array(direction),
-            "intensity": intensity,
-            "ambientIntensity": 0.25,
-            "color": np.array(color),
-        }
-        nodes.append(Node("DirectionalLight", fields=fields))
-    down = float(np.arctan2(eye - middle[1], back))
-    for title, turn in (("Front", 0.0), ("Three-quarter", 0.6), ("Side", np.pi / 2), ("Back", np.pi)):
-        position = middle + [np.sin(turn) * back, eye - middle[1], np.cos(turn) * back]
-        fields = {
-            "description": title,
-            "position": position,
-            "orientation": _axis_angle(turn, -down),
-            "centerOfRotation": middle,
-            "fieldOfView": field_of_view,
-        }
-        nodes.append(Node("Viewpoint", fields=fields))
-    return nodes
-
-
-def _axis_angle(yaw: float, pitch: float) -> Array:
-    """Axis and angle of a turn about Y after a turn about X."""
-    cy, sy, cx, sx = np.cos(yaw / 2), np.sin(yaw / 2), np.cos(pitch / 2), np.sin(pitch / 2)
-    axis = np.array([cy * sx, sy * cx, -sy * sx])
-    size = float(np.linalg.norm(axis))
-    if size < 1e-12:
-        return _ROTATION.copy()
-    return np.array([*(axis / size), 2 * np.arctan2(size, cy * cx)])

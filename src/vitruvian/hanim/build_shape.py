@@ -43,6 +43,7 @@ class ShapeWriter:
         self.names, self.physical = names, physical
         self.lost: set[str] = set()
         self._shared: dict[tuple[str, int], Node] = {}
+        self._textures: dict[tuple[str, ...], Node] = {}
         self._alive: list[object] = []  # shared arrays are known by identity: keep them from being freed
 
     def share(self, kind: str, array: object, wanted: str, make: Node) -> Node | Use:
@@ -133,22 +134,27 @@ class ShapeWriter:
         if look.opacity < 1:
             fields["transparency"] = float(1 - look.opacity)
         appearance.fields["material"] = material
-        texture = _texture(look)
-        if texture is not None:
-            appearance.fields["texture"] = texture
+        url = _texture_url(look)
+        if url:
+            if url not in self._textures:
+                self._textures[url] = Node("ImageTexture", self.names.free(f"{prefix}texture"), {"url": list(url)})
+                appearance.fields["texture"] = self._textures[url]
+            else:
+                node = self._textures[url]
+                appearance.fields["texture"] = Use(node.name, node, type=node.type)
         wanted = f"{prefix}{look.name.removeprefix(prefix) or 'look'}"
         return self.share("look", look, wanted, appearance)
 
 
-def _texture(look: Material) -> Node | None:
-    """The file's ImageTexture, by its address."""
+def _texture_url(look: Material) -> tuple[str, ...]:
+    """Addresses of the file's ImageTexture."""
     found = look.node.children("texture") if look.node is not None else []
     if not found or found[0].type != "ImageTexture":
-        return None
+        return ()
     url = found[0].fields.get("url")
     if isinstance(url, Literal):
         url = parse(url, "MFString")
-    return Node("ImageTexture", fields={"url": url}) if url else None
+    return tuple([url] if isinstance(url, str) else url or ())  # type: ignore[arg-type]
 
 
 def _closed(triangles: np.ndarray, flip: bool) -> np.ndarray:

@@ -53,6 +53,8 @@ def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
     if folded:
         some = ", ".join(f"{a} into {b}" for a, b in list(folded.items())[:4]) + (", ..." if len(folded) > 4 else "")
         lost.append(f"{len(folded)} joints that H-Anim {version} does not have were folded ({some})")
+    sites = {s.name: _site(s, version).name for s in [*humanoid.all_sites(), *humanoid.viewpoints]}
+    rename = {**sites, **keep}
     names = [tables.canonical(n) or n for n in taken]
     out = replace(
         humanoid,
@@ -62,7 +64,7 @@ def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
         sites=[_site(s, version) for s in humanoid.sites],
         viewpoints=[_site(s, version) for s in humanoid.viewpoints],
         motions=[_motion(m, keep) for m in humanoid.motions],
-        tracks=[replace(t, target=keep.get(t.target, t.target)) for t in humanoid.tracks if t.target not in folded],
+        tracks=[replace(t, target=rename.get(t.target, t.target)) for t in humanoid.tracks if t.target not in folded],
         binding={keep[k]: v for k, v in humanoid.binding.items() if k in keep},
     )
     dropped = sum(t.target in folded for t in humanoid.tracks) + sum(

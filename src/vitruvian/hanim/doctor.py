@@ -1,7 +1,8 @@
 """The H-Anim doctor: what is wrong with a scene, where, why it matters in real browsers, and how to mend it.
 
-`check` never raises on bad content; whatever it cannot read becomes a finding. Rules that start with M are about "why it
-does not move", S about the skin, N names, T the tree, V versions, F the file, P places, D displacers and limits.
+`check` never raises on bad content; whatever it cannot read becomes a finding. Rules that start with M are about
+"why it does not move", S about the skin, N names, T the tree, V versions, F the file, P places, D displacers
+and limits.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def check(scene: Scene, path: object = None) -> list[Finding]:
     chart = Chart(scene, path)
     _file(chart)
     _numbers(chart)
-    figures = [doctor_figure.Figure(chart, n) for n in scene.walk() if chart.reading.kind(n) == "Humanoid"]
+    figures = [doctor_figure.Figure(chart, n) for n in chart.nodes if chart.reading.kind(n) == "Humanoid"]
     for figure in figures:
         doctor_figure.examine(figure)
         doctor_motion.motions(figure)
@@ -84,6 +85,8 @@ class Chart:
         self.scene = scene
         self.reading = Reading(scene, path, repair=True)
         self.findings: list[Finding] = []
+        self.nodes = list(scene.walk())
+        self._read: dict[tuple[int, str], Floats] = {}
 
     def add(self, rule: str, node: Node | None, message: str, fix: str = "", line: int = 0) -> None:
         """A finding about a node."""
@@ -92,7 +95,13 @@ class Chart:
         self.findings.append(Finding(rule, _WORDS[SEVERITY[rule]], where, line, message, fix))
 
     def numbers(self, node: Node, field: str) -> Floats:
-        """(n,) the numbers of a field; what is no number is NaN; nothing when absent."""
+        """(n,) the numbers of a field; what is no number is NaN; nothing when absent. Not to be changed."""
+        key = (id(node), field)
+        if key not in self._read:
+            self._read[key] = self._numbers(node, field)
+        return self._read[key]
+
+    def _numbers(self, node: Node, field: str) -> Floats:
         raw = self.reading.raw(node, field)
         if isinstance(raw, Literal):
             return leniently(raw.text)
@@ -130,7 +139,7 @@ def _file(chart: Chart) -> None:
     """F03 unknown fields of H-Anim nodes, F04 DEFs, F05 USEs, F06 containerFields."""
     scene = chart.scene
     seen: dict[str, Node] = {}
-    for node in scene.walk():
+    for node in chart.nodes:
         if node.name in seen and node.name and scene.encoding != "wrl":
             other = seen[node.name].line
             chart.add("F04", node, f"DEF {node.name} is given twice (first in line {other})", "rename the later one")
@@ -161,14 +170,9 @@ def _container(chart: Chart, node: Node, kind: str, field: str, entry: Node | Us
         return
     child = chart.reading.kind(target)
     right = field
-    if kind == "Humanoid" and not entry.container and container_of(target.type) != field:
-        chart.add(
-            "F06",
-            node,
-            f"{target.type} {entry.name} stands without containerField: browsers put it into {container_of(target.type)}",
-            f"containerField='{field}'",
-            entry.line,
-        )
+    if kind == "Humanoid" and entry.line and not entry.container and container_of(target.type) != field:
+        message = f"{target.type} {entry.name} stands without containerField: browsers put it elsewhere"
+        chart.add("F06", node, message, f"containerField='{field}'", entry.line)
         return
     if field == "children" and kind == "Humanoid" and child in {"Joint", "Segment", "Site"}:
         used = isinstance(entry, Use)
@@ -217,7 +221,7 @@ def _cycles(chart: Chart) -> None:
 
 def _numbers(chart: Chart) -> None:
     """P06: numbers that are not finite, not numbers at all or too few; zero or negative scale; non-unit axes."""
-    for node in chart.scene.walk():
+    for node in chart.nodes:
         kind = chart.reading.kind(node)
         for field, value in node.fields.items():
             wanted = _NUMERIC.get(field)

@@ -152,8 +152,9 @@ def _near(name: str) -> str:
             return word
     if len(plain) < 5 or any(c.isdigit() for c in plain):  # vt3 and vt4 are one edit apart and both right
         return ""
-    found = {w for w in words if abs(len(w) - len(plain)) <= 2 and _edits(plain, w) <= 2}
-    return found.pop() if len(found) == 1 else ""
+    found = {w: d for w in words if abs(len(w) - len(plain)) <= 2 and (d := _edits(plain, w)) <= 2}
+    nearest = [w for w, d in found.items() if d == min(found.values())]
+    return nearest[0] if len(nearest) == 1 else ""
 
 
 def _edits(a: str, b: str) -> int:
@@ -175,7 +176,7 @@ def _tree(figure: Figure) -> None:
         return
     root = figure.name(figure.joints[0])
     whole = {"l_hip", "r_hip", "vl5", "l_shoulder", "skullbase"} & {tables.canonical(n) for n in figure.names.values()}
-    if not tables.humanoid_root(root) and whole:
+    if not tables.humanoid_root(root) and (whole or not tables.canonical(root)):  # a hand may start at its wrist
         fix = "make humanoid_root the root of the skeleton"
         add("T01", figure.joints[0], f"the skeleton starts at {root}, expected humanoid_root", fix)
     for node, parent in figure.twice:

@@ -121,7 +121,7 @@ def routes(chart: Chart, figures: list[Figure]) -> None:
                     chart.add("M22", source, message, "", route.line)
                 elif source.type in _STEPS:
                     _interpolator(chart, source, f"{source.name}.fraction" in inputs)
-    for node in chart.scene.walk():
+    for node in chart.nodes:
         if node.type == "TimeSensor" and any(r.from_node == node.name for r in chart.scene.routes()):
             _timer(chart, node, driven, defs)
 

@@ -37,6 +37,10 @@ def leniently(text: str) -> Floats:
         except ValueError:
             return float("nan")
 
+    try:
+        return np.array([float(t) for t in text.strip(" \t\r\n[]").replace(",", " ").split()], np.float64)
+    except ValueError:
+        pass
     plain = re.sub(r"#[^\n]*", " ", text)
     return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
 

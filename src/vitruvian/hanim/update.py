@@ -13,6 +13,7 @@ from dataclasses import fields
 import numpy as np
 
 from vitruvian.hanim.animation import event
+from vitruvian.hanim.build_motion import motion_node, track_nodes
 from vitruvian.hanim.graph import Node, Route, Scene, Use
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, MotionData, Segment, Shape, Site, Track
 from vitruvian.hanim.view import humanoids as view
@@ -172,8 +173,6 @@ def _store(old: object, new: object) -> None:
 
 
 def _update_motions(scene: Scene, root: Node, old: Humanoid, new: Humanoid) -> None:
-    from vitruvian.hanim.build import motion_node
-
     known = {id(m.node): m for m in old.motions}
     for m in new.motions:
         if m.node is None or id(m.node) not in known:
@@ -226,8 +225,6 @@ def _track_key(t: Track) -> tuple:
 
 def _update_tracks(scene: Scene, new: Humanoid) -> None:
     """Take out the ROUTEs into the humanoid and drive it by interpolators of its tracks instead."""
-    from vitruvian.hanim.build import track_nodes
-
     taken = set(scene.defs())
     targets: dict[str, Node] = {"": new.node} if new.node is not None else {}
     for thing in (*new.joints(), *new.all_sites(), *new.viewpoints, *new.displacers()):

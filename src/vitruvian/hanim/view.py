@@ -194,7 +194,7 @@ def _check_containers(reading: Reading, node: Node) -> None:
         return
     for field, entry in node.entries():
         target = entry.node if isinstance(entry, Use) else entry
-        if target is None or entry.container or container_of(target.type) == field:
+        if target is None or not entry.line or entry.container or container_of(target.type) == field:
             continue
         what = f"{target.type} {entry.name} without containerField is read as {field}"
         reading.defect("F06", f"{reading.who(node)}: {what}", target)
