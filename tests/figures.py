@@ -47,6 +47,11 @@ GOOD = """<X3D profile="Immersive" version="4.0">
 </X3D>
 """
 
+MOTION = (
+    '<HAnimMotion DEF="run" joints="humanoid_root vl5" channels="3 Xposition Yposition Zposition 1 Xrotation" '
+    'values="0 0 0 0 0 0 0 45" enabled="true" loop="true" frameDuration="0.1"/></HAnimHumanoid>'
+)
+
 VRML = """#VRML V2.0 utf8
 PROTO Joint [ exposedField SFString name "" exposedField SFVec3f center 0 0 0 exposedField SFRotation rotation 0 0 1 0
   exposedField MFNode children [ ] exposedField MFFloat llimit [ ] exposedField MFFloat ulimit [ ] ]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from figures import GOOD, VRML, broken, good
+from scene_figure import GOOD, VRML, broken, good
 from vitruvian.errors import FileError, VitruvianWarning
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d

@@ -15,7 +15,6 @@ from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.motion.contacts import Leg, floor_at_rest, runs
 from vitruvian.motion.turns import about, positions, unit
-from vitruvian.motion.types import continuous
 
 REACH = 0.995  # of the straight leg; beyond it knees lock and snap
 UP = np.array([0.0, 1.0, 0.0])

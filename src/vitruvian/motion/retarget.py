@@ -445,7 +445,7 @@ def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
     # an end of the foot that comes loose for a moment while the other stands has not been lifted
     for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
         for start, stop in runs(~flags):
-            if 0 < start and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+            if start > 0 and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
                 flags[start:stop] = True
     return Foothold(heel, ball)
 
