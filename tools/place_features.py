@@ -34,10 +34,11 @@ def main() -> None:
         if point.position is None or name.startswith("r_"):
             continue
         joint = holder[point.segment]
-        ends = [joint, *(n for n, e in table.items() if e.parent == joint and e.loa < 4)]
+        below = [n for n, e in table.items() if e.parent == joint and e.loa < 4]
+        ends = [joint, *below, *(n for n, e in table.items() if e.parent in below and e.loa < 4)]
         anchor = min(ends, key=lambda n: np.linalg.norm(np.array(point.position) - defaults[n]))
         wanted = centers[names.index(anchor)] + scale * (np.array(point.position) - defaults[anchor])
-        near = {joint, table[joint].parent} | {n for n, e in table.items() if e.parent == joint}
+        near = {joint, anchor, table[joint].parent} | {n for n, e in table.items() if e.parent == joint}
         mine = np.isin(strongest, [names.index(n) for n in near if n])
         vertex = int(np.argmin(np.where(mine, np.linalg.norm(body - wanted, axis=1), np.inf)))
         places[name] = vertex
