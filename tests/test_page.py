@@ -23,7 +23,13 @@ from vitruvian.stage.clip import Clip, Mesh
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 FINDINGS = [
-    {"rule": "limits", "severity": "warning", "where": "Joint l_elbow", "line": 12, "message": "<b>llimit</b> above ulimit"},
+    {
+        "rule": "limits",
+        "severity": "warning",
+        "where": "Joint l_elbow",
+        "line": 12,
+        "message": "<b>llimit</b> above ulimit",
+    },
     {"rule": "name", "severity": "error", "where": "Segment x", "message": "unknown name", "fix": "rename it"},
 ]
 
@@ -313,7 +319,10 @@ def test_two_things_and_a_mesh_without_joints_are_shown(browser):
         np.array([[x, y, z] for x in (0.5, 0.7) for y in (0.0, 0.2) for z in (0.0, 0.2)]),
         [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]],
     )
-    with show(capsule_clip(vertices=800), box, open_browser=False, block=False) as window, opened(browser, window.url) as page:
+    with (
+        show(capsule_clip(vertices=800), box, open_browser=False, block=False) as window,
+        opened(browser, window.url) as page,
+    ):
         assert [a["joints"] for a in page.evaluate("vitruvian.actors")] == [21, 0]
     with show(box, open_browser=False, block=False) as window, opened(browser, window.url) as page:
         page.keyboard.press("w")
@@ -332,7 +341,9 @@ def test_twenty_thousand_vertices_play_at_thirty_frames_a_second(browser, tmp_pa
     with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
         page.wait_for_timeout(4000)
         rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")
-    print(f"{rate} pictures per second, {actors[0]['vertices']} vertices, quality {quality}, load {os.getloadavg()[0]:.1f}")
+    print(
+        f"{rate} pictures per second, {actors[0]['vertices']} vertices, quality {quality}, load {os.getloadavg()[0]:.1f}"
+    )
     assert rate > 5
     if os.getloadavg()[0] > 1.5:
         pytest.skip(f"the machine is busy (load {os.getloadavg()[0]:.1f}): {rate} pictures per second say nothing")

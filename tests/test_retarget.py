@@ -106,7 +106,9 @@ def test_rest_pose_does_not_matter(rest):
     rotation = truth.rotation.copy()
     # trunk, feet and hands at ease: their rest frames are conventions, tested elsewhere
     for j, name in enumerate(standard.names):
-        if not name.startswith(("humanoid_root", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_k")):
+        if not name.startswith(
+            ("humanoid_root", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_k")
+        ):
             rotation[:, j] = [0, 0, 0, 1]
     truth = Motion(standard, 30, rotation, truth.translation)
     other = posed_rest(standard, REST[rest])

@@ -47,7 +47,11 @@ def get(port, path, method="GET", **headers):
 def dial(window, origin=None, **options):
     port, _ = parts(window)
     return connect(
-        f"ws://127.0.0.1:{port}/stream", origin=origin or f"http://127.0.0.1:{port}", max_size=None, open_timeout=5, **options
+        f"ws://127.0.0.1:{port}/stream",
+        origin=origin or f"http://127.0.0.1:{port}",
+        max_size=None,
+        open_timeout=5,
+        **options,
     )
 
 
@@ -101,12 +105,21 @@ def test_other_methods_and_foreign_hosts_are_refused(window):
 
 def test_foreign_origins_and_hosts_get_no_socket(window):
     port, _ = parts(window)
-    for origin in ("http://evil.example", "null", f"http://localhost:{port}", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
+    for origin in (
+        "http://evil.example",
+        "null",
+        f"http://localhost:{port}",
+        f"https://127.0.0.1:{port}",
+        "http://127.0.0.1",
+    ):
         with pytest.raises(InvalidStatus), dial(window, origin):
             pass
     with pytest.raises(InvalidStatus), connect(f"ws://127.0.0.1:{port}/stream"):
         pass
-    with pytest.raises((InvalidStatus, ConnectionClosed)), dial(window, additional_headers={"Host": "evil.example"}) as ws:
+    with (
+        pytest.raises((InvalidStatus, ConnectionClosed)),
+        dial(window, additional_headers={"Host": "evil.example"}) as ws,
+    ):
         hello(window, ws)
         ws.recv(timeout=3)
 
@@ -150,7 +163,9 @@ def test_bad_requests_are_answered_and_the_third_closes(window):
     with dial(window) as ws:
         hello(window, ws)
         receive(ws, "mesh")
-        for n, bad in enumerate(['{"type": "exec"}', '{"type": "deformer", "actor": "capsules", "name": "x"}', "[]"], 1):
+        for n, bad in enumerate(
+            ['{"type": "exec"}', '{"type": "deformer", "actor": "capsules", "name": "x"}', "[]"], 1
+        ):
             ws.send(bad)
             header, _ = receive(ws, "error")
             assert header["strikes"] == n and "\n" not in header["message"]
@@ -170,7 +185,9 @@ def test_oversized_and_fuzzed_frames_do_not_hurt_the_server(window):
             hello(window, ws)
             try:
                 for _ in range(4):
-                    ws.send(rng.randbytes(rng.randrange(300)) if rng.random() < 0.5 else rng.randbytes(50).decode("latin-1"))
+                    ws.send(
+                        rng.randbytes(rng.randrange(300)) if rng.random() < 0.5 else rng.randbytes(50).decode("latin-1")
+                    )
             except ConnectionClosed:
                 pass
     for _ in range(20):
