@@ -61,7 +61,7 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         if literal.text.strip(" \t\n,[]") in ("", "NULL"):
             return None
         raise FileError(path, literal.line, f"expected a node, found {_short(literal.text)}")
-    raise VitruvianError(f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
+    raise FileError(path, literal.line, f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
 
 
 def value(node: Node, field: str, type: str, default: object = None, path: object = "") -> object:
