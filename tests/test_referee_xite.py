@@ -88,7 +88,17 @@ def test_xite_agrees(shared: Path, referee: Path, chromium: str, tmp_path: Path)
     for name, (encoding, version) in SKINNED.items():
         files[write(load(shared / "data" / "hanim" / name), tmp_path, Path(name).stem, encoding, version)] = True
     files[shared / "data" / "hanim" / "Humanoid1NoSegSite.x3d"] = False
-    files[write(typed(1), tmp_path, "ada", "x3d", "2.0")] = True
+    files[write(typed(4), tmp_path, "ada", "x3d", "2.0")] = True
+    agree(shared, referee, chromium, files)
+
+
+def test_xite_agrees_on_the_built_in_person(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
+    person = pytest.importorskip("vitruvian.modeling.person").person
+    agree(shared, referee, chromium, {write(person(loa=2), tmp_path, "person", "x3d", "2.0"): True})
+
+
+def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> None:
+    """Every joint matrix within 1e-6; files marked True load without a message."""
     script = shared / "hanim" / "referee" / "xite_load.mjs"
     found = run(script, referee, chromium, list(files), "--pose", json.dumps(POSE))
     for path, result in zip(files, found, strict=True):
