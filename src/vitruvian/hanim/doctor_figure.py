@@ -193,9 +193,9 @@ def _tree(figure: Figure) -> None:
         message = f"joint {figure.name(node)} is reached twice (again under {figure.chart.reading.who(parent)}){listed}"
         add("T04", node, message + ": drawn and moved twice", "take the second one out of skeleton")
     for node in figure.joints:
-        parent = figure.parent[id(node)]
+        holder = figure.parent[id(node)]
         own = tables.canonical(figure.name(node))
-        above = tables.canonical(figure.name(parent)) if parent is not None else None
+        above = tables.canonical(figure.name(holder)) if holder is not None else None
         if own is None or above is None:
             continue
         if own == "vl5" and above == "sacroiliac" or own.endswith("sternoclavicular") and above == "vc7":

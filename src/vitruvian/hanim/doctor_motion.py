@@ -12,7 +12,7 @@ from vitruvian.hanim.animation import channel_groups, event
 from vitruvian.hanim.doctor import Chart
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.fields import field as field_of
-from vitruvian.hanim.graph import Node, Route
+from vitruvian.hanim.graph import Import, Node, Route
 
 _STEPS = {
     "OrientationInterpolator": 4,
@@ -80,7 +80,7 @@ def _channels(figure: Figure, motion: Node, joints: int) -> None:
 def routes(chart: Chart, figures: list[Figure]) -> None:
     """M07 to M13 and M22."""
     defs = chart.scene.defs()
-    imported = {s.alias or s.name for s in chart.scene.body if type(s).__name__ == "Import"}
+    imported = {s.alias or s.name for s in chart.scene.body if isinstance(s, Import)}
     driven: dict[tuple[str, str], list[Route]] = defaultdict(list)
     inputs: set[str] = set()
     for route in chart.scene.routes():
