@@ -146,6 +146,8 @@ def _interpolator(chart: Chart, node: Node, fed: bool) -> None:
         chart.add("M10", node, "keys go backwards: the output is undefined", "sort them")
     elif ((keys < 0) | (keys > 1)).any():
         chart.add("M10", node, "keys lie outside 0..1, where the fraction never comes", "scale them to 0..1")
+    elif len(keys) > 1 and (values.reshape(len(keys), -1) == values[:step]).all():
+        chart.add("M11", node, "all key values are equal: there is nothing to see")
 
 
 def _timer(chart: Chart, node: Node, driven: dict, defs: dict[str, Node]) -> None:

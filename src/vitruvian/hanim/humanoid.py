@@ -60,7 +60,7 @@ class Shape:
     """A triangulated surface.
 
     `points` (n,3), or None when the triangles index the humanoid's `skin_coord`. `triangles` (t,3) int32.
-    `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replaces the material's colour, or None.
+    `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replaces its colour, or None.
     `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
     """
 
