@@ -33,7 +33,7 @@ MUTATIONS = [
     ("D04", 'mass="3"', 'mass="-3"', "mass -3 is negative"),
     ("D04", 'mass="3"', 'momentsOfInertia="1 0 0 0 1 0 0 0 3"', "belongs to no solid"),
     ("D04", 'mass="3"', 'momentsOfInertia="1 0.5 0 0 1 0 0 0 1"', "not symmetric"),
-    ("M11", 'keyValue="0 0 1 0 0 0 1 1', 'keyValue="0 0 1 0 0 0 1 0', "all key values are equal"),
+    ("M11", 'keyValue="0 0 1 0 0 0 1 1', 'keyValue="0 0 1 0 0 0 1 0', "1 interpolators give the same value"),
     ("M19", 'loa="-1"', 'visible="false"', "visible is FALSE"),
     ("M19", "<HAnimHumanoid", "<Switch><HAnimHumanoid", "whichChoice -1"),
     ("M21", ELBOW, "<Shape><Box/></Shape>" + ELBOW, "1 shapes stand in joint l_shoulder"),

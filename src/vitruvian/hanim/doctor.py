@@ -111,10 +111,10 @@ class Chart:
                     if isinstance(child, Node):
                         self._parents.setdefault(id(child), parent)
         found: list[Node] = []
-        parent = self._parents.get(id(node))
-        while parent is not None and len(found) < _DEEPEST:
-            found.append(parent)
-            parent = self._parents.get(id(parent))
+        holder = self._parents.get(id(node))
+        while holder is not None and len(found) < _DEEPEST:
+            found.append(holder)
+            holder = self._parents.get(id(holder))
         return found
 
     def numbers(self, node: Node, field: str) -> Floats:
