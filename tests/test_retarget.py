@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from figures import figure, posed_rest, renamed, scaled_legs
+from skeletons import figure, posed_rest, renamed, scaled_legs
 from vitruvian.body.rotations import from_axis_angle, from_vector, inverse, multiply, rotate
 from vitruvian.body.types import Skeleton
 from vitruvian.errors import VitruvianError
@@ -106,9 +106,7 @@ def test_rest_pose_does_not_matter(rest):
     rotation = truth.rotation.copy()
     # trunk, feet and hands at ease: their rest frames are conventions, tested elsewhere
     for j, name in enumerate(standard.names):
-        if not name.startswith(
-            ("humanoid_root", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_k")
-        ):
+        if not name.startswith(("humanoid_root", "l_shoulder", "r_shoulder", "l_elbow", "r_elbow", "l_hip", "r_hip", "l_k")):
             rotation[:, j] = [0, 0, 0, 1]
     truth = Motion(standard, 30, rotation, truth.translation)
     other = posed_rest(standard, REST[rest])
