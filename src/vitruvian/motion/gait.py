@@ -382,8 +382,3 @@ def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list)
         reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
-<<<<<<< HEAD
-
-
-=======
->>>>>>> main
