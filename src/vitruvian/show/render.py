@@ -135,16 +135,9 @@ class Shot:
 
     def _trace(self, rays: Tracer, offsets: list[tuple[float, float]], names: NDArray) -> Hits:
         """All samples of the picture in one list; `pixel` counts on through the sub-pixel patterns."""
-        parts: list[Hits] = []
-        among = None
+        parts = []
         for i, offset in enumerate(offsets):
-            h = rays.visible(self.camera, self.size, offset, among)
-            if i == 0:  # the other samples are looked for only round the pixels that saw something
-                near = np.zeros(self.size[::-1], bool)
-                near.reshape(-1)[h.pixel] = True
-                for axis in (0, 1):
-                    near |= _shifted(near, 1, axis) | _shifted(near, -1, axis)
-                among = np.flatnonzero(near)
+            h = rays.visible(self.camera, self.size, offset)
             parts.append(Hits(h.pixel + i * self.count, names[h.triangle].astype(np.int32), h.u, h.v, h.depth))
         return Hits.join(parts)
 
@@ -211,13 +204,6 @@ class Shot:
         place[pixel] = np.arange(len(pixel), dtype=np.int32)
         both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, 0.004 * self.reach)
         return both[:, 0], both[:, 1]
-
-
-def _shifted(mask: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:
-    """The mask moved one way along an axis, nothing comes in at the edge."""
-    out = np.roll(mask, by, axis)
-    (out if axis == 0 else out.T)[0 if by > 0 else -1] = False
-    return out
 
 
 def _above(point: Single, corners: Single, u: Single, v: Single, away: NDArray) -> Single:
