@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from figures import GOOD, typed
+from scene_figure import GOOD, typed
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.vrml import read_vrml, write_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d, write_x3d

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from figures import typed
+from scene_figure import typed
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
 from vitruvian.formats.vrml import read_vrml, write_vrml
@@ -69,6 +69,18 @@ def test_known_answers(shared: Path, name: str, joint: str) -> None:
     h = load(shared / "data" / "hanim" / name)
     moved = matrices(h)[joint] @ [*h.joint(joint).center, 1]
     np.testing.assert_allclose(moved[:3], KNOWN[name, joint], atol=1e-6)
+
+
+def test_known_answer_of_the_skin(shared: Path) -> None:
+    h = load(shared / "data" / "hanim" / "JinNoAnimations_Fixed.x3d")
+    found = matrices(h)
+    rest = h.skin_coord[787]
+    moved = rest.copy()
+    for joint in h.joints():
+        for weight in joint.skin_coord_weight[joint.skin_coord_index == 787]:
+            moved += weight * ((found[joint.name] @ [*rest, 1])[:3] - rest)
+    np.testing.assert_allclose(rest, (0.17834, 0.5577, -0.01941), atol=1e-9)
+    np.testing.assert_allclose(moved, (0.843202, 1.331000, 0.165058), atol=1e-6)
 
 
 def test_xite_agrees(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from figures import typed
+from scene_figure import typed
 from vitruvian.formats.x3d import read_x3d, write_x3d
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import MotionData
