@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vitruvian.errors import VitruvianError
 from vitruvian.show.backdrop import dither, paper, shadow
 from vitruvian.show.camera import Camera
+from vitruvian.show.refine import refined
 from vitruvian.show.shade import Samples, Studio, dot, shade, to_srgb
 from vitruvian.show.surfaces import Soup, Surface, unit
 from vitruvian.show.trace import Hits, Single, Tracer, tile, tracer
@@ -65,6 +66,7 @@ def render(
     size = whole(size)
     if not surfaces or not any(len(s.triangles) for s in surfaces):
         raise VitruvianError("picture: there is nothing to see, expected at least one triangle")
+    surfaces = [refined(s, camera, size) for s in surfaces]
     points = np.concatenate([s.vertices for s in surfaces])
     low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2  # rays are float32: everything is near the origin

@@ -81,7 +81,9 @@ def decode(message: bytes) -> tuple[dict[str, Any], dict[tuple[str, str], NDArra
     for entry in header["blocks"]:
         need(isinstance(entry, dict) and entry.get("dtype") in DTYPES, "expected blocks with a known dtype")
         shape, offset = entry.get("shape"), entry.get("offset")
-        need(isinstance(shape, list) and all(type(n) is int and 0 <= n < 1 << 31 for n in shape), "bad shape of a block")
+        need(
+            isinstance(shape, list) and all(type(n) is int and 0 <= n < 1 << 31 for n in shape), "bad shape of a block"
+        )
         need(type(offset) is int and offset >= 0 and offset % 8 == 0, "bad offset of a block")
         dtype = np.dtype(entry["dtype"]).newbyteorder("<")
         count = math.prod(shape)
