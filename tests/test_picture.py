@@ -277,7 +277,7 @@ def test_close_views_are_rounder() -> None:
     assert len(fine.triangles) == 4 * len(t) and [p.stop for p in fine.parts] == [4 * half, 4 * len(t)]
     radius = np.linalg.norm(fine.vertices, axis=1)
     plain = np.linalg.norm((v[t[:, 0]] + v[t[:, 1]]) / 2, axis=1)
-    assert np.abs(radius - 1).max() < 0.1 * np.abs(plain - 1).max()
+    assert np.abs(radius - 1).max() < 0.2 * np.abs(plain - 1).max()
     normal = np.cross(*(fine.vertices[fine.triangles[:, i]] - fine.vertices[fine.triangles[:, 0]] for i in (1, 2)))
     assert ((normal * fine.vertices[fine.triangles[:, 0]]).sum(axis=1) > 0).all()  # none is turned over
     edges = np.sort(np.concatenate([fine.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
