@@ -121,9 +121,8 @@ def test_anything_is_a_mesh_or_one_error(tmp_path: Path, lines: list[tuple[str, 
 
 
 def test_clip_at_a_time_says_what_is_lost(tmp_path: Path) -> None:
-    from vitruvian.deform.deformer import deformer
-
     from vitruvian.body.kinematics import joint_matrices
+    from vitruvian.deform.deformer import deformer
 
     body = figure()
     motion = wave(body)
