@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.show.camera import Camera
-from vitruvian.show.surfaces import Surface, vertex_normals
+from vitruvian.show.surfaces import Surface, softened, unit, vertex_normals
 
 EDGE = 7.0  # pixels: what is shorter in the middle is left as it is
 LIMIT = 400_000  # triangles
@@ -21,9 +21,12 @@ LIMIT = 400_000  # triangles
 def refined(surface: Surface, camera: Camera, size: tuple[int, int], rounds: int = 3) -> Surface:
     """The surface with those triangles split, up to `rounds` times, that are in the picture and coarse there.
 
-    Surfaces with normals of their own (creases) stay as they are.
+    Surfaces with normals at their corners (creases) stay as they are. Normals are blended, not made anew: the shading
+    stays as smooth as it was.
     """
-    for _ in range(rounds if surface.normals is None else 0):
+    if surface.normals is not None and surface.normals.ndim == 3:
+        return surface
+    for _ in range(rounds):
         some = _coarse(surface, camera, size)
         if not some.any() or len(surface.triangles) + 3 * some.sum() > LIMIT:
             break
@@ -49,7 +52,8 @@ def _coarse(surface: Surface, camera: Camera, size: tuple[int, int]) -> NDArray[
 def split(surface: Surface, some: NDArray[np.bool_]) -> Surface:
     """The triangles of `some` (T,) in four each; new vertices come after the old ones."""
     v, t = np.asarray(surface.vertices, np.float64), surface.triangles
-    normal = vertex_normals(v, t).astype(np.float64)
+    normal = vertex_normals(v, t) if surface.normals is None else surface.normals
+    soft = softened(normal.astype(np.float32), t) if surface.soft is None else surface.soft
     old = t[some]
     ends = np.sort(np.concatenate([old[:, [0, 1]], old[:, [1, 2]], old[:, [2, 0]]]), axis=1)
     key, which = np.unique(ends[:, 0].astype(np.int64) * len(v) + ends[:, 1], return_inverse=True)
@@ -71,8 +75,9 @@ def split(surface: Surface, some: NDArray[np.bool_]) -> Surface:
     triangles[stops[:-1][~some]] = t[~some]
     parts = tuple(replace(p, start=int(stops[p.start]), stop=int(stops[p.stop])) for p in surface.parts)
 
-    def both(values: NDArray | None) -> NDArray | None:
-        return None if values is None else np.concatenate([values, (values[a] + values[b]) / 2])
+    def both(values: NDArray) -> NDArray:
+        return np.concatenate([values, (values[a] + values[b]) / 2])
 
+    colors = None if surface.colors is None else both(surface.colors)
     rest = both(surface.vertices if surface.rest is None else surface.rest)
-    return Surface(np.concatenate([v, fresh]), triangles, None, both(surface.colors), parts, rest)
+    return Surface(np.concatenate([v, fresh]), triangles, unit(both(normal)), colors, parts, rest, unit(both(soft)))
