@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from figures import about, capsule_body, capsule_clip, stride
+from capsules import about, capsule_body, capsule_clip, stride
 
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.types import Body, Weights

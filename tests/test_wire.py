@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from figures import capsule_body, capsule_clip, stride
+from capsules import capsule_body, capsule_clip, stride
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

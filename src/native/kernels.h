@@ -15,7 +15,8 @@ struct Bucket {
                             // the table, in floats; the largest weight first
     const float* weight;    // as joint
     const int32_t* row;     // (count + 1,) when influences is 0
-    const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i
+    const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i; a repeated one is padding
+    const uint8_t* uniform; // (groups,) whether the eight vertices of a group have the same joints; lane layout only
 };
 
 // Rigid blending of `frames` frames into out (frames, vertices, 3), or (frames, vertices, 12) with `whole`.

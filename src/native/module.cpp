@@ -151,7 +151,7 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     check(joint.size() == weight.size() && int64_t(rest.size()) >= count * 3, "bucket does not fit together");
     check(int64_t(joint.size()) >= count * influences && (influences > 0) == !row, "bucket does not fit together");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target)};
+    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), nullptr};
     const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
     const int64_t stride = int64_t(out.shape(1) * out.shape(2));
     const bool whole = out.shape(2) == 12;
@@ -164,7 +164,7 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
 void touch(AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
     const int64_t count = int64_t(joint.shape(0));
     check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
-    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr};
+    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, nullptr};
     each(blocks(count), vt::threads_for(count, threads),
          [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), out.data()); });
 }
@@ -186,14 +186,16 @@ nb::tuple dual_table(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<in
 // out (F,V,3) points or (F,V,12) transforms; `steps` -1 means that the table holds half twists.
 void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
            std::optional<Array<float, 3>> bases, std::optional<AnyArray<int32_t>> base, Array<float, 3> rest,
-           Array<int32_t, 3> joint, Array<float, 3> weight, std::optional<Array<int32_t, 1>> target, int64_t count,
-           std::optional<Array<float, 2>> mix, Output<float, 3> out, int threads) {
+           Array<int32_t, 3> joint, Array<float, 3> weight, Array<uint8_t, 1> uniform,
+           std::optional<Array<int32_t, 1>> target, int64_t count, std::optional<Array<float, 2>> mix, Output<float, 3> out, int threads) {
     const size_t groups = size_t(count + 7) / 8;
     check(rest.shape(0) == groups && joint.shape(0) == groups && joint.shape(2) == 8, "bucket does not fit together");
     check(joint.size() == weight.size() && (!base || base->size() == groups * 8), "bucket does not fit together");
+    check(uniform.size() == groups, "bucket does not fit together");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
     check(!mix || (mix->shape(0) == out.shape(0) && mix->shape(1) == out.shape(1)), "mix does not fit");
-    const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target)};
+    const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target),
+                            uniform.data()};
     vt::RigidJob job{};
     job.frames = int64_t(out.shape(0));
     job.vertices = int64_t(out.shape(1));
@@ -254,8 +256,8 @@ NB_MODULE(_native, m) {
     m.def("deviation", &deviation, nb::arg("matrices"));
     m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"));
     m.def("rigid", &rigid, nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(), nb::arg("bases").none(),
-          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("target").none(),
-          nb::arg("count"), nb::arg("mix").none(), nb::arg("out"), nb::arg("threads") = 0);
+          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("uniform"),
+          nb::arg("target").none(), nb::arg("count"), nb::arg("mix").none(), nb::arg("out"), nb::arg("threads") = 0);
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);

@@ -19,33 +19,47 @@ struct Dual {
 
 inline f8 dot(const f8* a, const f8* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]; }
 
+// The rows of eight vertices by columns; with U all eight have the row of the first.
+template <bool U>
 inline Dual gather(const float* table, const int32_t* index) {
-    const float* row[8];
-    for (int l = 0; l < 8; ++l) row[l] = table + index[l];
     Dual d;
-    transpose(row, d.v);
+    if (U) {
+        for (int c = 0; c < 8; ++c) d.v[c] = all(table[index[0] + c]);
+    } else {
+        const float* row[8];
+        for (int l = 0; l < 8; ++l) row[l] = table + index[l];
+        transpose(row, d.v);
+    }
     return d;
 }
 
 // Sum of weight times row over the influences of each of eight vertices, by columns.
-template <int K>
+template <int K, bool U>
 inline Dual sum_rows(const float* table, const int32_t* joint, const float* weight, int n) {
+    Dual d;
+    if (U) {
+        for (int k = 0; k < (K ? K : n); ++k) {
+            const f8 w = load8(weight + k * 8);
+            const float* row = table + joint[k * 8];
+            for (int c = 0; c < 8; ++c) d.v[c] = k ? d.v[c] + w * row[c] : w * row[c];
+        }
+        return d;
+    }
     alignas(32) float rows[8][8];
     const float* row[8];
     for (int l = 0; l < 8; ++l) {
-        f8 total = all(0.0f);
-        for (int k = 0; k < (K ? K : n); ++k)
-            total += load8(table + joint[k * 8 + l]) * weight[k * 8 + l];
+        f8 total = load8(table + joint[l]) * weight[l];
+        for (int k = 1; k < (K ? K : n); ++k) total += load8(table + joint[k * 8 + l]) * weight[k * 8 + l];
         store8(rows[l], total);
         row[l] = rows[l];
     }
-    Dual d;
     transpose(row, d.v);
     return d;
 }
 
 // f(c) = acos(c) / sqrt(1 - c^2) and its derivative, for c > -1. Least maximal error polynomials on 0.6..1 (2e-8 and
 // 8e-8); below, the half angle twice: with h = sqrt((1 + c) / 2), f(c) = f(h) / h.
+// Above 0.9 (within 50 degrees of the mean, nearly always) fewer terms do.
 inline f8 near_f(f8 d) {
     return 0.999999978f +
            d * (0.333337117f + d * (0.133226849f + d * (0.0582286177f + d * (0.0205011702f + d * 0.0211345885f))));
@@ -56,6 +70,11 @@ inline f8 near_slope(f8 d) {
 }
 inline void angle_over_sine(f8 c, f8& f, f8& slope) {
     const f8 d = 1.0f - c;
+    if (!any_below(c, 0.9f)) {
+        f = 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f)));
+        slope = -0.333336912f + d * (-0.266036496f + d * (-0.187785796f));
+        return;
+    }
     f = near_f(d);
     slope = near_slope(d);
     if (!any_below(c, 0.6f)) return;
@@ -70,22 +89,32 @@ inline void angle_over_sine(f8 c, f8& f, f8& slope) {
 // cos sqrt(n), sin sqrt(n) / sqrt(n) and the derivative of the latter, n in 0..10 (Taylor; 1e-9 at the n = 2.5 of a
 // half turn's half angle).
 inline void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
+    if (!any_below(0.02f - n, 0.0f)) {
+        c = 1.0f + n * (-1.0f / 2 + n * (1.0f / 24));
+        s = 1.0f + n * (-1.0f / 6 + n * (1.0f / 120));
+        slope = -1.0f / 6 + n * (1.0f / 60);
+        return;
+    }
     c = 1.0f + n * (-1.0f / 2 + n * (1.0f / 24 + n * (-1.0f / 720 + n * (1.0f / 40320 + n * (-1.0f / 3628800 +
         n * (1.0f / 479001600))))));
     s = 1.0f + n * (-1.0f / 6 + n * (1.0f / 120 + n * (-1.0f / 5040 + n * (1.0f / 362880 + n * (-1.0f / 39916800)))));
     slope = -1.0f / 6 + n * (1.0f / 60 + n * (-1.0f / 1680 + n * (1.0f / 90720 + n * (-1.0f / 7983360))));
 }
 
-// Makes the real part one long; where it has no length, the motion of the first influence.
-inline void normalise(Dual& b, const float* table, const int32_t* joint) {
+// Makes the real part one long; where it has no length, the motion of the joint with the largest weight.
+inline void normalise(Dual& b, const float* table, const int32_t* joint, const float* weight, int n) {
     f8 length = dot(b.v, b.v);
     if (any_below(length, 1e-14f)) {
         float v[8][8], size[8];
         store8(size, length);
         for (int c = 0; c < 8; ++c) store8(v[c], b.v[c]);
-        for (int l = 0; l < 8; ++l)
-            if (size[l] < 1e-14f)
-                for (int c = 0; c < 8; ++c) v[c][l] = table[joint[l] + c];
+        for (int l = 0; l < 8; ++l) {
+            if (size[l] >= 1e-14f) continue;
+            int best = 0;
+            for (int k = 1; k < n; ++k)
+                if (weight[k * 8 + l] > weight[best * 8 + l]) best = k;
+            for (int c = 0; c < 8; ++c) v[c][l] = table[joint[best * 8 + l] + c];
+        }
         for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
         length = dot(b.v, b.v);
     }
@@ -98,39 +127,52 @@ inline void perpendicular(Dual& b) {
     for (int c = 0; c < 4; ++c) b.v[4 + c] = b.v[4 + c] - b.v[c] * along;
 }
 
-// Blended motion of eight vertices. `flip`: signs are to be chosen against the first influence.
-template <int K>
-inline Dual blend(const float* table, const int32_t* joint, const float* weight, int n, int steps, bool flip) {
-    constexpr int kept = K ? K : 1;
-    if (K == 1) return gather(table, joint);
-    if (steps == 0 && !flip) {
-        Dual b = sum_rows<K>(table, joint, weight, n);
-        normalise(b, table, joint);
-        return b;
+// The joint with the largest weight, the first of equals, of each of eight vertices.
+inline Dual pivot(const float* table, const int32_t* joint, const float* weight, int n) {
+    Dual best = gather<false>(table, joint);
+    f8 most = load8(weight);
+    for (int k = 1; k < n; ++k) {
+        const f8 w = load8(weight + k * 8), less = most - w;
+        const Dual q = gather<false>(table, joint + k * 8);
+        for (int c = 0; c < 8; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
+        most = where_negative(less, w, most);
     }
-    Dual store[kept];
+    return best;
+}
+
+// Blended motion of eight vertices. `flip`: signs are to be chosen against the joint with the largest weight.
+template <int K, bool U>
+inline Dual blend(const float* table, const int32_t* joint, const float* weight, int n, int steps, bool flip) {
+    constexpr int kept = K && !U ? K : 1;  // what has been gathered is kept; uniform groups read again
+    if (K == 1) return gather<U>(table, joint);
+    Dual store[kept], first;
+    if (flip) first = pivot(table, joint, weight, n);
     auto influence = [&](int k) {
-        Dual q = gather(table, joint + k * 8);
-        if (flip && k) {
-            const f8 d = dot(q.v, K ? store[0].v : gather(table, joint).v);
+        Dual q = gather<U>(table, joint + k * 8);
+        if (flip) {
+            const f8 d = dot(q.v, first.v);
             for (f8& c : q.v) c = where_negative(d, 0.0f - c, c);
         }
         return q;
     };
     Dual a;
-    for (int k = 0; k < (K ? K : n); ++k) {
-        const Dual q = influence(k);
-        if (K) store[K ? k : 0] = q;
-        const f8 w = load8(weight + k * 8);
-        for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
+    if (!flip && (U || steps == 0)) {
+        a = sum_rows<K, U>(table, joint, weight, n);
+    } else {
+        for (int k = 0; k < (K ? K : n); ++k) {
+            const Dual q = influence(k);
+            if (K && !U) store[k] = q;
+            const f8 w = load8(weight + k * 8);
+            for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
+        }
     }
-    normalise(a, table, joint);
+    normalise(a, table, joint, weight, n);
     if (steps) perpendicular(a);
     for (int step = 0; step < steps; ++step) {
         Dual b;
         for (f8& c : b.v) c = all(0.0f);
         for (int k = 0; k < (K ? K : n); ++k) {
-            const Dual q = K ? store[K ? k : 0] : influence(k);
+            const Dual q = K && !U ? store[k] : influence(k);
             const f8 w = load8(weight + k * 8);
             f8 f, slope;
             angle_over_sine(dot(a.v, q.v), f, slope);
@@ -166,10 +208,10 @@ inline void times(const f8* a, const f8* b, f8* out) {
 }
 
 // exp of the blended half twists (x y z 0, then the dual part), after the motion of the base joint.
-template <int K>
+template <int K, bool U>
 inline Dual blend_twists(const float* table, const int32_t* index, const float* weight, int n, const float* bases,
                          const int32_t* base) {
-    const Dual h = sum_rows<K>(table, index, weight, n);
+    const Dual h = sum_rows<K, U>(table, index, weight, n);
     const f8 *v = h.v, *d = h.v + 4;
     const f8 length = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
     const f8 length_dual = 2.0f * (v[0] * d[0] + v[1] * d[1] + v[2] * d[2]);
@@ -183,7 +225,7 @@ inline Dual blend_twists(const float* table, const int32_t* index, const float* 
     e.v[3] = cosine;
     e.v[7] = -0.5f * sine * length_dual;
     if (!bases) return e;
-    const Dual b = gather(bases, base);
+    const Dual b = gather<U>(bases, base);
     Dual out;
     f8 other[4];
     times(b.v, e.v, out.v);
@@ -200,6 +242,7 @@ inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 mo
         for (int c = 0; c < 3; ++c) store8(v[c], moved[c]);
         for (int64_t l = 0; l < count; ++l) {
             const int64_t t = bucket.target ? bucket.target[place + l] : place + l;
+            if (l && bucket.target && t == bucket.target[place + l - 1]) continue;  // padding
             for (int c = 0; c < 3; ++c) out[3 * t + c] += mix[t] * (v[c][l] - out[3 * t + c]);
         }
         return;
@@ -252,6 +295,13 @@ inline bool unwanted(const Bucket& bucket, int64_t place, int64_t last, const fl
     return true;
 }
 
+template <int K, bool U>
+inline Dual blended(const RigidJob& job, const float* table, const int32_t* joint, const float* weight, int n,
+                    const float* bases, int64_t place, bool flip) {
+    return job.twists ? blend_twists<K, U>(table, joint, weight, n, bases, job.base + place)
+                      : blend<K, U>(table, joint, weight, n, job.steps, flip);
+}
+
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
     const int n = bucket.influences;
@@ -266,8 +316,8 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
             if (mix && unwanted(bucket, place, last, mix)) continue;
             const int32_t* joint = bucket.joint + place * n;
             const float* weight = bucket.weight + place * n;
-            const Dual a = job.twists ? blend_twists<K>(table, joint, weight, n, bases, job.base + place)
-                                      : blend<K>(table, joint, weight, n, job.steps, flip);
+            const Dual a = bucket.uniform[place / 8] ? blended<K, true>(job, table, joint, weight, n, bases, place, flip)
+                                                     : blended<K, false>(job, table, joint, weight, n, bases, place, flip);
             if (job.whole) {
                 write_frames(bucket, place, last, a, out);
             } else {

@@ -23,7 +23,7 @@ _WHERE = {
     "Motion": "motion.types",
     "retarget": "motion.retarget",
     "walk": "motion.gait",
-    "idle": "motion.gait",
+    "idle": "motion.idle",
     "deformer": "deform.deformer",
     "person": "modeling.person",
     "Mesh": "stage.clip",
@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from vitruvian.formats.registry import save as save
     from vitruvian.hanim.humanoid import Humanoid as Humanoid
     from vitruvian.modeling.person import person as person
-    from vitruvian.motion.gait import idle as idle
     from vitruvian.motion.gait import walk as walk
+    from vitruvian.motion.idle import idle as idle
     from vitruvian.motion.retarget import retarget as retarget
     from vitruvian.motion.types import Motion as Motion
     from vitruvian.show.live import show as show

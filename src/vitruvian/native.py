@@ -11,8 +11,8 @@ from importlib import import_module
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats
 from vitruvian.errors import warn
 
 HOW = "vitruvian._native is not built, using slower NumPy code; build it with a C++17 compiler: pip install ."
@@ -28,7 +28,7 @@ def kernels() -> ModuleType | None:
         return None
 
 
-def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> Floats:
+def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> NDArray[np.float64]:
     """All numbers of `text`, separated by white space or commas, as float64 (n,).
 
     Only finite decimal numbers count. Raises ValueError that names the first bad token; its attribute `offset` is the
@@ -40,7 +40,7 @@ def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> Fl
     return parse_floats_numpy(text, expected)
 
 
-def parse_floats_numpy(text: bytes | bytearray | memoryview, expected: int = -1) -> Floats:
+def parse_floats_numpy(text: bytes | bytearray | memoryview, expected: int = -1) -> NDArray[np.float64]:
     """`parse_floats` without the extension."""
     import re
 

@@ -132,7 +132,13 @@ class _Surface:
         start = self.face_count
         self.face_count += len(triangles)
         color = (float(m.color[0]), float(m.color[1]), float(m.color[2]))
-        look = (float(m.roughness), float(m.metallic), float(m.opacity), bool(m.double_sided))
+        look = (
+            float(m.roughness),
+            float(m.metallic),
+            float(m.opacity),
+            bool(m.double_sided),
+            float(shape.crease_angle),
+        )
         self.parts.append(Part(shape.name or m.name or name, start, self.face_count, color, *look))
 
     def skin(self, weights: Weights, morphs: list[Morph]) -> Skin:

@@ -106,17 +106,15 @@ def from_matrix(matrix: ArrayLike) -> Floats:
 
 def multiply(a: ArrayLike, b: ArrayLike) -> Floats:
     """The rotation `b` followed by `a`: to_matrix(multiply(a, b)) = to_matrix(a) @ to_matrix(b)."""
-    ax, ay, az, aw = np.moveaxis(_array(a, "a", 4), -1, 0)
-    bx, by, bz, bw = np.moveaxis(_array(b, "b", 4), -1, 0)
-    return np.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
+    a, b = _array(a, "a", 4), _array(b, "b", 4)
+    ax, ay, az, aw = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bx, by, bz, bw = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = aw * bx + ax * bw + ay * bz - az * by
+    out[..., 1] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 2] = aw * bz + ax * by - ay * bx + az * bw
+    out[..., 3] = aw * bw - ax * bx - ay * by - az * bz
+    return out
 
 
 def inverse(q: ArrayLike) -> Floats:
@@ -127,8 +125,14 @@ def inverse(q: ArrayLike) -> Floats:
 def rotate(q: ArrayLike, vector: ArrayLike) -> Floats:
     """Vectors (...,3) turned by unit quaternions (...,4)."""
     q, v = _array(q, "quaternion", 4), _array(vector, "vector", 3)
-    t = 2 * np.cross(q[..., :3], v)
-    return v + q[..., 3:] * t + np.cross(q[..., :3], t)
+    x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    vx, vy, vz = v[..., 0], v[..., 1], v[..., 2]
+    tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
+    out = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
+    out[..., 0] = vx + w * tx + y * tz - z * ty
+    out[..., 1] = vy + w * ty + z * tx - x * tz
+    out[..., 2] = vz + w * tz + x * ty - y * tx
+    return out
 
 
 def slerp(a: ArrayLike, b: ArrayLike, t: ArrayLike) -> Floats:
@@ -186,14 +190,26 @@ def from_euler(angles: ArrayLike, order: str = "ZYX") -> Floats:
     That is the meaning of BVH channels, `angles[..., 0]` belonging to the first letter.
     """
     axes = _order(order)
-    angles = _array(angles, "angles", 3)
-    turns = []
-    for n, axis in enumerate(axes):
-        q = np.zeros((*angles.shape[:-1], 4))
-        q[..., axis] = np.sin(angles[..., n] / 2)
-        q[..., 3] = np.cos(angles[..., n] / 2)
-        turns.append(q)
-    return multiply(multiply(turns[0], turns[1]), turns[2])
+    half = _array(angles, "angles", 3) / 2
+    out = np.empty((*half.shape[:-1], 4))
+    # one product written out; sines and cosines of one axis at a time, so that whole clips stay in the cache
+    (sa, ca), (sb, cb), (sc, cc) = ((np.sin(h), np.cos(h)) for h in (half[..., 0], half[..., 1], half[..., 2]))
+    i, j, k = axes
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    if i == k:
+        k = 3 - i - j
+        out[..., i] = cb * (sa * cc + ca * sc)
+        out[..., j] = sb * (ca * cc + sa * sc)
+        out[..., k] = sign * sb * (sa * cc - ca * sc)
+        out[..., 3] = cb * (ca * cc - sa * sc)
+        return out
+    ss, sk, ks, kk = sa * sb * sign, sa * cb, ca * sb, ca * cb
+    sc_signed = sc * sign
+    out[..., i] = sk * cc + ks * sc_signed
+    out[..., j] = ks * cc - sk * sc_signed
+    out[..., k] = kk * sc + ss * cc
+    out[..., 3] = kk * cc - ss * sc
+    return out
 
 
 def to_euler(q: ArrayLike, order: str = "ZYX", *, continuous: bool = False) -> Floats:

@@ -56,7 +56,8 @@ class Skeleton:
 
     names (J,), parents (J,) int32 with -1 for roots, centers (J,3) in humanoid space at rest.
     translation (J,3), rotation (J,4) xyzw, scale (J,3), scale_orientation (J,4): the pose as the file gives it.
-    limits (J,3,2) radians about X, Y, Z of the frame turned by limit_orientation (J,4), NaN where free; stiffness (J,3).
+    limits (J,3,2) radians about X, Y, Z of the frame turned by limit_orientation (J,4), NaN where free.
+    stiffness (J,3) in 0..1.
     binding (J,4,4): multiplied on the right of each joint matrix, None for identity.
     site_names (S,), site_joints (S,), site_points (S,3) in humanoid space at rest.
     """
@@ -163,7 +164,7 @@ class Weights:
 
     @staticmethod
     def from_pairs(vertices: int, vertex: object, joint: object, weight: object) -> Weights:
-        """From unordered (vertex, joint, weight) triples; a joint named twice on a vertex adds up, zeros are dropped."""
+        """From unordered (vertex, joint, weight) triples; a joint named twice on a vertex adds up, zeros go."""
         v = np.asarray(vertex, dtype=np.int64)
         j = np.asarray(joint, dtype=np.int64)
         w = np.asarray(weight, dtype=np.float64)
@@ -191,7 +192,10 @@ class Weights:
 
 @dataclass(frozen=True)
 class Part:
-    """A range of a skin's triangles with one look: `start:stop` into `triangles`. Colours are sRGB in 0..1."""
+    """A range of a skin's triangles with one look: `start:stop` into `triangles`. Colours are sRGB in 0..1.
+
+    `crease`: faces that meet at a larger angle (radians) have an edge between them; pi, the default, is smooth.
+    """
 
     name: str
     start: int
@@ -201,6 +205,7 @@ class Part:
     metallic: float = 0.0
     opacity: float = 1.0
     double_sided: bool = False
+    crease: float = float(np.pi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,12 +135,14 @@ def bind(weights: Weights, joints: int, *, rule: str = "as_file", rigid: bool = 
 
 @dataclass(frozen=True, eq=False)
 class Bucket:
-    """Vertices with up to `width` influences each; `width` 0: any number, in rows.
+    """Vertices with up to `width` influences each, laid out for the kernels.
 
     `joint` holds places in the kernel's table, in floats: the joint times 16 (plain) or 8 (lanes).
-    Plain layout, `lanes` 1: joint and weight (n, width), rest (n,3). Lane layout: vertices in groups of `lanes`, joint
-    and weight (g, width, lanes), rest (g,3,lanes); the last group repeats its last vertex.
-    `vertices` are those of all places; target (n,) is the same without repeats, None when it is all vertices in order.
+    Plain layout (linear), `lanes` 1: joint and weight (n, width), rest (n,3); `width` 0: rows of any length.
+    Lane layout (rigid): groups of `lanes` vertices, joint and weight (g, width, lanes), rest (g,3,lanes); vertices with
+    the same joints stand together, `uniform` (g,) says which groups have one set of joints. Groups are filled up by
+    repeating their last vertex.
+    `vertices` (n,) are those of all places; `target` is the same, or None when it is all vertices in order.
     """
 
     width: int
@@ -150,8 +152,9 @@ class Bucket:
     rest: NDArray[np.float32]
     joint: Ints
     weight: NDArray[np.float32]
-    row: Ints | None
-    target: Ints | None
+    row: Ints | None = None
+    target: Ints | None = None
+    uniform: NDArray[np.uint8] | None = None
 
     def lay(self, values: NDArray) -> NDArray[np.float32]:
         """Values per vertex (V,k) as this bucket lays them out: (n,k) or (g,k,lanes)."""
@@ -168,51 +171,88 @@ def _lay(array: NDArray, lanes: int) -> NDArray:
     return np.ascontiguousarray(array.reshape(-1, lanes, array.shape[1]).swapaxes(1, 2))
 
 
-def buckets(rows: Influences, rest: Floats, *, lanes: int = 1, order: Ints | None = None) -> tuple[Bucket, ...]:
-    """Every vertex in one bucket: width 1, 2, 4, 8, then rows (16, 32, ... in lane layout). `order` sorts vertices."""
-    order = np.arange(len(rows), dtype=np.int32) if order is None else order
-    counts = rows.counts[order]
-    most = int(counts.max(initial=0))
-    widths = [1, 2, 4, 8]
-    if lanes == 1:
-        widths += [0]
-    while lanes > 1 and widths[-1] < most:
-        widths.append(widths[-1] * 2)
+def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
+    """Every vertex in one bucket of width 1, 2, 4, 8 or 0, in order: for the linear kernel."""
     out = []
     low = -1
-    for width in widths:
-        high = width or most
-        chosen = order[(counts > low) & (counts <= high)].astype(np.int32)
+    for width in (1, 2, 4, 8, 0):
+        high = width or int(rows.counts.max(initial=0))
+        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= high)).astype(np.int32)
         low = high
-        if len(chosen):
-            out.append(_rows(rows, rest, chosen) if width == 0 else _bucket(rows, rest, chosen, width, lanes))
+        if not len(chosen):
+            continue
+        if width:
+            joint, weight = _table(rows, chosen, width)
+            row = None
+        else:
+            counts = rows.counts[chosen]
+            row = np.zeros(len(chosen) + 1, np.int32)
+            np.cumsum(counts, out=row[1:])
+            entry = np.repeat(rows.row[chosen] - row[:-1], counts) + np.arange(row[-1])
+            joint, weight = rows.joint[entry], rows.weight[entry]
+        target = None if len(chosen) == len(rows) else chosen
+        points = np.ascontiguousarray(rest[chosen], dtype=np.float32)
+        places = (joint * MATRIX).astype(np.int32)
+        out.append(Bucket(width, 1, len(chosen), chosen, points, places, weight.astype(np.float32), row, target))
     return tuple(out)
 
 
-def _rows(rows: Influences, rest: Floats, chosen: Ints) -> Bucket:
-    counts = rows.counts[chosen]
-    row = np.zeros(len(chosen) + 1, np.int32)
-    np.cumsum(counts, out=row[1:])
-    entry = np.repeat(rows.row[chosen] - row[:-1], counts) + np.arange(row[-1])
-    joint, weight = rows.joint[entry] * np.int32(MATRIX), rows.weight[entry].astype(np.float32)
-    target = None if len(chosen) == len(rows) else chosen
-    return Bucket(0, 1, len(chosen), chosen, rest[chosen].astype(np.float32), joint, weight, row, target)
+def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
+    """Every vertex in one bucket of width 1, 2, 4, 8, 16, ..., for the kernels of rigid operators."""
+    most = int(rows.counts.max(initial=0))
+    out = []
+    low, width = -1, 1
+    while low < most:
+        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= width)).astype(np.int32)
+        if len(chosen):
+            out.append(_lane_bucket(rows, rest, chosen, width))
+        low, width = width, width * 2
+    return tuple(out)
 
 
-def _bucket(rows: Influences, rest: Floats, chosen: Ints, width: int, lanes: int) -> Bucket:
-    count = len(chosen)
-    target = None if count == len(rows) and (np.diff(chosen) == 1).all() else chosen
-    chosen = np.concatenate([chosen, np.repeat(chosen[-1:], -count % lanes)])
+def _lane_bucket(rows: Influences, rest: Floats, chosen: Ints, width: int) -> Bucket:
+    joint, weight = _table(rows, chosen, width)
+    # by joint, padding last, so that the same joints make the same row whatever their weights
+    order = np.argsort(np.where(weight > 0, joint, np.iinfo(np.int32).max), axis=1, kind="stable")
+    joint, weight = np.take_along_axis(joint, order, axis=1), np.take_along_axis(weight, order, axis=1)
+    joint = np.where(weight > 0, joint, joint[:, :1])
+    place = _grouped(joint)
+    target = None if np.array_equal(chosen[place], np.arange(len(rows))) else chosen[place]
+    count = len(place)
+    place = np.concatenate([place, np.repeat(place[-1:], -count % LANES)])
+    joint = _lay((joint[place] * DUAL).astype(np.int32), LANES)
+    weight = _lay(weight[place].astype(np.float32), LANES)
+    uniform = (joint == joint[:, :, :1]).all(axis=(1, 2)).astype(np.uint8)
+    vertices = chosen[place]
+    points = _lay(rest[vertices].astype(np.float32), LANES)
+    return Bucket(width, LANES, count, vertices, points, joint, weight, None, target, uniform)
+
+
+def _grouped(joint: Ints) -> Ints:
+    """Places of vertices, given their joints (n, width): those with the same joints fill groups of their own, the last
+    of which is filled up by repeating a vertex when it is at least half full; what is left follows, mixed."""
+    order = np.lexsort(joint.T[::-1])
+    ordered = joint[order]
+    starts = np.flatnonzero(np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)]))
+    sizes = np.diff(np.concatenate([starts, [len(order)]]))
+    if len(sizes) == 1:
+        return order.astype(np.int32)
+    rest = sizes % LANES
+    kept = np.where(rest >= LANES // 2, sizes, sizes - rest)
+    padded = -(-kept // LANES) * LANES
+    run = np.repeat(np.arange(len(sizes)), padded)
+    slot = np.arange(len(run)) - np.repeat(np.cumsum(padded) - padded, padded)
+    own = order[starts[run] + np.minimum(slot, kept[run] - 1)]
+    slot = np.arange(len(order)) - np.repeat(starts, sizes)
+    return np.concatenate([own, order[slot >= np.repeat(kept, sizes)]]).astype(np.int32)
+
+
+def _table(rows: Influences, chosen: Ints, width: int) -> tuple[Ints, Floats]:
+    """Joints and weights (n, width); padding repeats the first joint (0 where there is none) with weight 0."""
     slot = np.arange(width)
     real = slot < rows.counts[chosen][:, None]
-    if len(rows.joint):
-        entry = np.where(real, rows.row[chosen][:, None] + slot, 0)
-        # padding repeats the first joint: it is in the cache, and turns no sign
-        first = np.where(real[:, :1], rows.joint[entry][:, :1], 0)
-        joint = np.where(real, rows.joint[entry], first).astype(np.int32)
-        weight = np.where(real, rows.weight[entry], 0.0).astype(np.float32)
-    else:
-        joint, weight = np.zeros(real.shape, np.int32), np.zeros(real.shape, np.float32)
-    joint = joint * np.int32(MATRIX if lanes == 1 else DUAL)
-    points = _lay(rest[chosen].astype(np.float32), lanes)
-    return Bucket(width, lanes, count, chosen, points, _lay(joint, lanes), _lay(weight, lanes), None, target)
+    if not len(rows.joint):
+        return np.zeros(real.shape, np.int32), np.zeros(real.shape)
+    entry = np.where(real, rows.row[chosen][:, None] + slot, 0)
+    first = np.where(real[:, :1], rows.joint[entry][:, :1], 0)
+    return np.where(real, rows.joint[entry], first).astype(np.int32), np.where(real, rows.weight[entry], 0.0)

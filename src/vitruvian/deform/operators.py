@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, buckets
+from vitruvian.deform.bind import DUAL, Bucket, Influences, lane_buckets, plain_buckets
 from vitruvian.deform.motions import RIGID, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
@@ -41,7 +41,7 @@ class Linear:
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
-        return buckets(self.rows, self.rest)
+        return plain_buckets(self.rows, self.rest)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         native = kernels()
@@ -74,8 +74,8 @@ def _linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: 
 class Rigid:
     """Blends rigid motions: `kind` "dual-quaternion", "log", "log-pair" or "log-absolute".
 
-    Scaled joint matrices are factored: the stretches blend linearly and come first. `order` sorts the vertices of the
-    kernel's tables. `follow` keeps the sign of relative turns from frame to frame ("dual-quaternion" and "log").
+    Scaled joint matrices are factored: the stretches blend linearly and come first.
+    `follow` keeps the sign of relative turns from frame to frame ("dual-quaternion" and "log").
     """
 
     kind: str
@@ -84,14 +84,13 @@ class Rigid:
     steps: int = 1
     follow: bool = True
     threads: int = 0
-    order: Ints | None = None
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
         rows = self.rows
         if self.kind == "log-pair":  # the kernel blends the motions of pairs
             rows = Influences(rows.row, rows.pairs[1], rows.weight, rows.joints)
-        return buckets(rows, self.body.skin.rest, lanes=LANES, order=self.order)
+        return lane_buckets(rows, self.body.skin.rest)
 
     @cached_property
     def bases(self) -> list[Ints]:
@@ -158,9 +157,8 @@ class Rigid:
         for i, b in enumerate(self.buckets):
             points = b.rest if rest is None else b.lay(rest)
             base = None if bases is None else self.bases[i]
-            native.rigid(
-                table, steps, agree, bases, base, points, b.joint, b.weight, b.target, b.count, mix, flat, self.threads
-            )
+            shape = (b.joint, b.weight, b.uniform, b.target, b.count)
+            native.rigid(table, steps, agree, bases, base, points, *shape, mix, flat, self.threads)
 
     def _table(self, native: ModuleType, rigid: Floats) -> tuple[Single, int, NDArray | None, Single | None]:
         """What the kernel blends: dual quaternions, or half twists (steps -1) with their base motions."""

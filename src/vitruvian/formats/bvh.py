@@ -50,7 +50,9 @@ def read_bvh(path: str | os.PathLike[str], *, unit: float | str | None = None, u
     split = re.search(rb"^[ \t]*MOTION[ \t]*\r?$", data, re.MULTILINE | re.IGNORECASE)
     joints = _hierarchy(path, data[: split.start()] if split else data, complete=split is not None)
     if split is None:
-        raise FileError(path, data.count(b"\n") + 1, "expected the line MOTION after the hierarchy, found the end of the file")
+        raise FileError(
+            path, data.count(b"\n") + 1, "expected the line MOTION after the hierarchy, found the end of the file"
+        )
     frames, frame_time, start = _head(path, data, split.end())
     values = _values(path, data, start, frames, joints)
     return _motion(path, joints, values, 1.0 / frame_time, unit, up)
@@ -92,7 +94,9 @@ def _hierarchy(path: object, data: bytes, *, complete: bool) -> list[_Joint]:
                 if not name:
                     raise FileError(path, number, f"expected a name after {key}")
                 if key == "ROOT" and joints:
-                    raise FileError(path, number, f"a second ROOT ({name[:40]}): expected one figure per file, split it")
+                    raise FileError(
+                        path, number, f"a second ROOT ({name[:40]}): expected one figure per file, split it"
+                    )
                 if key == "JOINT" and (not stack or stack[-1] is None):
                     raise FileError(path, number, f"JOINT {name[:40]} stands outside of a joint")
                 if name in seen:
@@ -155,7 +159,9 @@ def _channels(path: object, line: int, words: list[str]) -> tuple[str, ...]:
     for word in words[2:]:
         kind = re.fullmatch(r"([XYZ])(POSITION|ROTATION)", word.upper())
         if not kind or kind[1] + kind[2][0].lower() in channels:
-            raise FileError(path, line, f"expected different channels such as Xposition or Zrotation, found {word[:40]!r}")
+            raise FileError(
+                path, line, f"expected different channels such as Xposition or Zrotation, found {word[:40]!r}"
+            )
         channels.append(kind[1] + kind[2][0].lower())
     return tuple(channels)
 
@@ -207,7 +213,9 @@ def _values(path: object, data: bytes, start: int, frames: int, joints: list[_Jo
                 raise FileError(path, number + extra, what)
             done += count == width
         last = data.count(b"\n") + (not data.endswith(b"\n"))
-        raise FileError(path, last, f"expected {frames} frames, found {done}: the file is cut short or its count is wrong")
+        raise FileError(
+            path, last, f"expected {frames} frames, found {done}: the file is cut short or its count is wrong"
+        )
     if len(values) > frames * width:
         warn(f"{path}: {len(values) - frames * width} numbers beyond the {frames} frames it announces are left out")
     return values[: frames * width].reshape(frames, width)
@@ -288,14 +296,23 @@ def _rotations(joints: list[_Joint], values: Floats) -> Floats:
             columns += [column + i for i, c in enumerate(channels) if c[1] == "r"]
         column += len(channels)
     for order, (owner, columns) in groups.items():
-        angles = np.radians(values[:, columns]).reshape(len(values), len(owner), len(order))
+        angles = np.radians(values[:, _span(columns)]).reshape(len(values), len(owner), len(order))
         if len(order) == 3:
-            out[:, owner] = from_euler(angles, order)
-        else:
-            axes = np.eye(3)[["XYZ".index(c) for c in order]]
-            turns = [from_vector(angles[..., i, None] * axes[i]) for i in range(len(order))]
-            out[:, owner] = turns[0] if len(turns) == 1 else multiply(turns[0], turns[1])
+            turns = from_euler(angles, order)
+            if len(owner) == len(joints):
+                return turns
+            out[:, _span(owner)] = turns
+            continue
+        axes = np.eye(3)[["XYZ".index(c) for c in order]]
+        turns = from_vector(angles[..., 0, None] * axes[0])
+        out[:, owner] = turns if len(order) == 1 else multiply(turns, from_vector(angles[..., 1, None] * axes[1]))
     return out
+
+
+def _span(places: list[int]) -> slice | list[int]:
+    """The same places as a slice when they are in a row: no copy."""
+    row = places == list(range(places[0], places[0] + len(places)))
+    return slice(places[0], places[0] + len(places)) if row else places
 
 
 def _shifts(joints: list[_Joint], values: Floats, offsets: Floats) -> Floats | None:
@@ -354,12 +371,16 @@ def _unit(points: Floats, turn: Floats | None, unit: float | str | None) -> tupl
     if unit is not None:
         scale = UNITS.get(unit, 0.0) if isinstance(unit, str) else float(unit)
         if not 0 < scale < 1e6:
-            raise VitruvianError(f"unit: expected metres per unit above zero or one of {', '.join(UNITS)}, found {unit!r}")
+            raise VitruvianError(
+                f"unit: expected metres per unit above zero or one of {', '.join(UNITS)}, found {unit!r}"
+            )
         return scale, f"unit {scale:.6g} m: as asked for"
     height = float(np.ptp(points if turn is None else rotate(turn, points), axis=0)[1])
     good = {name: s for name, s in UNITS.items() if 1.0 <= s * height <= 2.3}
     if not good:
-        raise VitruvianError(f"no common unit makes the figure ({height:.4g} units high) a person; say unit=m, cm, mm or in")
+        raise VitruvianError(
+            f"no common unit makes the figure ({height:.4g} units high) a person; say unit=m, cm, mm or in"
+        )
     name = min(good, key=lambda n: abs(good[n] * height - 1.7))
     return good[name], f"unit {good[name]:.6g} m ({name}): the figure stands {good[name] * height:.2f} m high"
 

@@ -31,6 +31,10 @@ class Node:
     A field's value is a `Literal`, a typed value (bool, int, float, str, list of str, NumPy array), a `Node`, a `Use`,
     or a list of `Node | Use | Comment`. `container` is the containerField as written ("" when the default was meant).
     `connects` holds IS pairs (node field, prototype field) inside a prototype body.
+    `interface` holds fields that the node declares itself (Script, shaders); their values are in the `ProtoField`s.
+    `comments` are those outside of node lists: (name of the field before which it stands or "" at the end, comment).
+    `instance` says that `type` names a prototype of the file (a ProtoInstance in XML).
+    `order` is set only where an XML file mixes the children of several fields: the field of each child in turn.
     """
 
     type: str
@@ -40,6 +44,10 @@ class Node:
     container: str = ""
     connects: list[tuple[str, str]] = field(default_factory=list)
     text: str = ""  # character data: CDATA of a Script or shader
+    interface: list[ProtoField] = field(default_factory=list)
+    comments: list[tuple[str, Comment]] = field(default_factory=list)
+    instance: bool = False
+    order: list[str] = field(default_factory=list)
 
     def children(self, name: str) -> list[Node]:
         """The nodes in a node-valued field, USEs resolved, comments skipped; [] when absent or NULL."""
@@ -52,11 +60,17 @@ class Node:
         return [n for n in nodes if isinstance(n, Node)]
 
     def entries(self) -> Iterator[tuple[str, Node | Use]]:
-        """(field name, node or USE) pairs of all node-valued fields, in source order."""
-        for name, value in self.fields.items():
-            for v in value if isinstance(value, list) else [value]:
-                if isinstance(v, Node | Use):
-                    yield name, v
+        """(field name, node or USE) pairs of all node-valued fields, in source order, a Script's own ones last."""
+        pairs = list(self.fields.items())
+        if self.interface:
+            pairs += [(f.name, f.value) for f in self.interface]
+        for name, value in pairs:
+            if isinstance(value, Node | Use):
+                yield name, value
+            elif isinstance(value, list):
+                for v in value:
+                    if isinstance(v, Node | Use):
+                        yield name, v
 
 
 @dataclass(slots=True, eq=False)
@@ -87,23 +101,34 @@ class Route:
 
 @dataclass(slots=True, eq=False)
 class ProtoField:
-    """One line of a prototype's interface. `access`: inputOnly, outputOnly, initializeOnly, inputOutput."""
+    """One line of an interface. `access`: inputOnly, outputOnly, initializeOnly, inputOutput.
+
+    `value` is the default as in `Node.fields`, None when none is given. `extra` keeps other XML attributes (appinfo).
+    """
 
     access: str
     type: str
     name: str
     value: object = None
+    line: int = 0
+    extra: dict[str, str] = field(default_factory=dict)
+    comments: list[Comment] = field(default_factory=list)  # inside an XML field element
 
 
 @dataclass(slots=True, eq=False)
 class Proto:
-    """PROTO (or, with `url`, EXTERNPROTO, whose body is never fetched). `body` has its own DEF scope."""
+    """PROTO (or, with `url`, EXTERNPROTO, whose body is never fetched). `body` has its own DEF scope.
+
+    `comments` are those of the interface: (name of the field before which it stands or "" at the end, comment).
+    """
 
     name: str
     interface: list[ProtoField] = field(default_factory=list)
     body: list[Statement] = field(default_factory=list)
     url: Literal | list[str] | None = None
     line: int = 0
+    extra: dict[str, str] = field(default_factory=dict)
+    comments: list[tuple[str, Comment]] = field(default_factory=list)
 
     @property
     def external(self) -> bool:
@@ -132,7 +157,7 @@ Statement = Node | Use | Comment | Route | Proto | Import | Export
 class Scene:
     """A whole file: header facts and the statements in source order.
 
-    `encoding` is "x3d" (XML), "x3dv" (Classic) or "wrl" (VRML97); `version` the one of the header ("4.0", "3.3", "2.0").
+    `encoding` is "x3d" (XML), "x3dv" (Classic) or "wrl" (VRML97); `version` that of the header ("4.0", "3.3", "2.0").
     """
 
     path: str = ""
@@ -154,11 +179,13 @@ class Scene:
 
     def walk(self) -> Iterator[Node]:
         """Every node once, depth first, in source order, without entering prototype bodies. No recursion."""
-        stack: list[Node | Use] = [s for s in reversed(self.body) if isinstance(s, Node | Use)]
+        stack: list[Node | Use] = [s for s in reversed(self.body) if isinstance(s, Node)]
+        seen: set[int] = set()
         while stack:
             item = stack.pop()
-            if isinstance(item, Use):
+            if isinstance(item, Use) or id(item) in seen:
                 continue
+            seen.add(id(item))
             yield item
             stack.extend(child for _, child in reversed(list(item.entries())))
 

@@ -60,7 +60,7 @@ class Shape:
     """A triangulated surface.
 
     `points` (n,3), or None when the triangles index the humanoid's `skin_coord`. `triangles` (t,3) int32.
-    `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replaces the material's colour, or None.
+    `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replace the material's, or None.
     `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
     """
 
@@ -189,9 +189,7 @@ class Humanoid:
     rotation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
     scale: Array = field(default_factory=lambda: _vec(1, 1, 1))
     scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
-    binding: dict[str, tuple[Array, Array, Array]] = field(
-        default_factory=dict
-    )  # joint -> translation, rotation, scale
+    binding: dict[str, tuple[Array, Array, Array]] = field(default_factory=dict)  # T, R, S of a joint
     motions: list[MotionData] = field(default_factory=list)
     tracks: list[Track] = field(default_factory=list)
     scene: Scene | None = None  # the file it came from

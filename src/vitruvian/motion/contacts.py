@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.rotations import rotate
 from vitruvian.body.types import Body, Floats, Skeleton
+from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.turns import positions, world_rotations
 from vitruvian.motion.types import Motion
@@ -60,7 +61,7 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
     floor = floor_at_rest(skeleton)
     found = []
     size = float(np.ptp(skeleton.centers[:, 1]))
-    sites = {name.removesuffix("_pt").removesuffix("_tip"): p for name, p in zip(skeleton.site_names, skeleton.site_points)}
+    sites = {canonical(name, "site") or name: p for name, p in zip(skeleton.site_names, skeleton.site_points)}
     for side in "lr":
         chain = [index.get(f"{side}_{part}") for part in ("hip", "knee", "talocrural")]
         if None in chain:
@@ -70,8 +71,8 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         c = skeleton.centers
         middle = index.get(f"{side}_metatarsophalangeal_2", toes[0] if toes else None)
         ball = c[middle] if middle is not None else c[ankle] + [0.0, 0.0, 0.075 * size]
-        tip = _site(sites, side, "tarsal_distal_phalanx_2", "digit2", "tarsal_distal_phalanx_1", "digit1")
-        heel = _site(sites, side, "calcaneus_posterior", "calcaneous_post")
+        tip = sites.get(f"{side}_tarsal_distal_phalanx_2")
+        heel = sites.get(f"{side}_calcaneus_posterior")
         tip = ball + [0.0, 0.0, 0.03 * size] if tip is None else tip
         heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.01]
         points = [np.array([p[0], floor, p[2]]) for p in (heel, ball, tip)]
@@ -81,10 +82,6 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         lengths = np.linalg.norm(c[knee] - c[hip]), np.linalg.norm(c[ankle] - c[knee])
         found.append(Leg(side, hip, knee, ankle, toes, front, pivot, *points, *(float(v) for v in lengths)))
     return tuple(found if body is None else (_on_skin(leg, body) for leg in found))
-
-
-def _site(sites: dict[str, Floats], side: str, *names: str) -> Floats | None:
-    return next((sites[f"{side}_{n}"] for n in names if f"{side}_{n}" in sites), None)
 
 
 def below(skeleton: Skeleton, joint: int) -> list[int]:

@@ -1,6 +1,6 @@
-"""A walk and an idle of our own, for any H-Anim skeleton.
+"""A walk of our own, for any H-Anim skeleton.
 
-The walk starts from normative angles over the gait cycle (0 = heel strike, 1 = next heel strike of the same foot): key
+It starts from normative angles over the gait cycle (0 = heel strike, 1 = next heel strike of the same foot): key
 values of our own fit to the mean curves in D. A. Winter, "The Biomechanics and Motor Control of Human Gait" (2nd ed.,
 1991) for hip, knee and ankle, J. Perry, "Gait Analysis" (1992) for pelvis, toes and foot rockers, M. P. Murray, S. B.
 Sepic and E. J. Barnard, "Patterns of sagittal rotation of the upper limbs in walking" (1967) for the arms. Cadence
@@ -10,24 +10,22 @@ the floor, rolled over heel, ball and toes, and the legs solved to reach them, s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from vitruvian.body.rotations import inverse, multiply, rotate, slerp
+from vitruvian.body.rotations import multiply, rotate
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import compose, smooth, two_bone
-from vitruvian.motion.names import VERTEBRAE, joint_index
-from vitruvian.motion.turns import about, frame, local_rotations, positions, unit, world_rotations
+from vitruvian.motion.names import joint_index
+from vitruvian.motion.posture import STRAIGHT, X, Y, Z, aim_leg, hang_arm, spread_spine, wave
+from vitruvian.motion.turns import about, local_rotations, positions, world_rotations
 from vitruvian.motion.types import Motion
-
-X, Y, Z = np.eye(3)
 
 # Degrees at percent of the cycle. Thigh: from vertical, forward positive. Knee: flexion. Foot: pitch, toes up positive
 # (the sum of thigh, knee and ankle; its flat part is exactly flat).
@@ -37,7 +35,6 @@ KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 
         69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
 FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
         70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
-STRAIGHT = 0.9992  # of the leg's length: knees keep some four degrees
 TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -108,99 +105,61 @@ def walk(
     return Motion(skeleton, fps, rotation, move, loop=True, name="walk")
 
 
-def _wave(phase: Floats, harmonic: int, peak: float) -> Floats:
-    """Cosine of the given harmonic of the cycle with its maximum at `peak` (share of the cycle)."""
-    return np.cos(2 * np.pi * harmonic * (phase - peak))
-
-
 def _upper_body(skeleton: Skeleton, index: dict[str, int], phase: Floats, pace: _Pace) -> Floats:
     """Local rotations (F,J,4) of everything but the legs; `phase` is that of the left leg."""
     degrees, v = np.radians, pace.vigour
     size = pace.stride / 1.45
-    yaw = degrees(4.5) * size * -_wave(phase, 1, 0.02)  # left hip forward at left heel strike
+    yaw = degrees(4.5) * size * -wave(phase, 1, 0.02)  # left hip forward at left heel strike
     list_ = degrees(4.0) * v**0.5 * _list(phase)
-    tilt = degrees(1.2) * _wave(phase, 2, 0.05) + degrees(1.5)
+    tilt = degrees(1.2) * wave(phase, 2, 0.05) + degrees(1.5)
     pelvis = multiply(multiply(about(Y, yaw), about(Z, list_)), about(X, tilt))
     # the chest turns against the pelvis a little late, leans into the walk, and stays level
-    chest_yaw = degrees(3.8) * v * _wave(phase, 1, 0.06)
-    lean = degrees(2.0 + 1.2 * (v - 1)) + degrees(0.8) * _wave(phase, 2, 0.1)
-    sway = degrees(1.3) * _wave(phase, 1, 0.3)
+    chest_yaw = degrees(3.8) * v * wave(phase, 1, 0.06)
+    lean = degrees(2.0 + 1.2 * (v - 1)) + degrees(0.8) * wave(phase, 2, 0.1)
+    sway = degrees(1.3) * wave(phase, 1, 0.3)
     chest = multiply(multiply(about(Y, chest_yaw), about(Z, -sway)), about(X, lean))
-    head = multiply(about(Y, 0.15 * chest_yaw), about(X, degrees(1.0) - degrees(0.7) * _wave(phase, 2, 0.12)))
+    head = multiply(about(Y, 0.15 * chest_yaw), about(X, degrees(1.0) - degrees(0.7) * wave(phase, 2, 0.12)))
     local = np.zeros((len(phase), len(skeleton), 4))
     local[..., 3] = 1.0
     local[:, index["humanoid_root"]] = pelvis
-    _spine(skeleton, index, local, pelvis, chest, head)
-    for side, sign, own in (("l", 1.0, phase), ("r", -1.0, phase - 0.5)):
-        _arm(skeleton, index, local, side, sign, own, v)
+    spread_spine(skeleton, index, local, pelvis, chest, head)
+    for side, own in (("l", phase), ("r", phase - 0.5)):
+        _swing_arm(skeleton, index, local, side, own, v)
     for name, turn in relaxed(skeleton).items():
         local[:, index[name]] = turn
     return local
 
 
+def _swing_arm(
+    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, phase: Floats, vigour: float
+) -> None:
+    """The arm swings against its own leg: farthest back at its heel strike, farthest forward half a cycle later.
+
+    The elbow follows the shoulder a little late, the wrist the elbow.
+    """
+    degrees = np.radians
+    if f"{side}_sternoclavicular" in index:
+        forth = degrees(-2.0 if side == "l" else 2.0) * vigour * wave(phase, 1, 0.55)
+        local[:, index[f"{side}_sternoclavicular"]] = about(Y, forth)
+    hang_arm(
+        skeleton,
+        index,
+        local,
+        side,
+        forward=degrees(-6.0) + degrees(16.0) * vigour * (wave(phase, 1, 0.52) + 0.06 * wave(phase, 2, 0.55)),
+        out=degrees(7.0) + degrees(1.0) * wave(phase, 1, 0.55),
+        bend=degrees(11.0) + degrees(9.0) * vigour * (1 + wave(phase, 1, 0.60)) + degrees(3.0) * vigour,
+        inward=degrees(8.0) + degrees(5.0) * vigour * wave(phase, 1, 0.55),
+        pronation=degrees(14.0),
+        wrist=degrees(-4.0) * wave(phase, 1, 0.72),
+        palm=degrees(5.0),
+    )
+
+
 def _list(phase: Floats) -> Floats:
     """Pelvic list, -1..1: the swinging side hangs lowest just after the other foot has taken the weight."""
-    raw = _wave(phase, 1, 0.17) + 0.28 * _wave(phase, 3, 0.10)
+    raw = wave(phase, 1, 0.17) + 0.28 * wave(phase, 3, 0.10)
     return raw / 1.2
-
-
-def _spine(
-    skeleton: Skeleton, index: dict[str, int], local: Floats, pelvis: Floats, chest: Floats, head: Floats
-) -> None:
-    """Spread the way from pelvis over chest to head evenly (by height) over the vertebrae that there are."""
-    names = [n for n in VERTEBRAE if n in index]
-    y = skeleton.centers[:, 1]
-    top = y[index["vt1"]] if "vt1" in index else y[index["l_shoulder"]] if "l_shoulder" in index else y.max()
-    low = y[index["humanoid_root"]]
-    skull = y[index["skullbase"]] if "skullbase" in index else top + 0.1
-    before = pelvis
-    lower = [n for n in names if not n.startswith("vc")]
-    for name in names:
-        if name in lower:
-            last = name == lower[-1]
-            share = 1.0 if last else np.clip((y[index[name]] - low) / max(top - low, 1e-6), 0.0, 1.0)
-            now = slerp(pelvis, chest, np.full(len(pelvis), share))
-        else:
-            share = np.clip((y[index[name]] - top) / max(skull - top, 1e-6), 0.0, 1.0)
-            now = slerp(chest, head, np.full(len(pelvis), share))
-        local[:, index[name]] = multiply(inverse(before), now)
-        before = now
-    if "skullbase" in index:
-        local[:, index["skullbase"]] = multiply(inverse(before), head)
-
-
-def _arm(
-    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, phase: Floats, vigour: float
-) -> None:
-    """The arm swings against its own leg: farthest back at its heel strike, farthest forward half a cycle later."""
-    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
-    clavicle = index.get(f"{side}_sternoclavicular")
-    degrees = np.radians
-    if shoulder is None or elbow is None:
-        return
-    c = skeleton.centers
-    swing = degrees(-6.0) + degrees(16.0) * vigour * (_wave(phase, 1, 0.52) + 0.06 * _wave(phase, 2, 0.55))
-    upper = unit(c[elbow] - c[shoulder])
-    spread = np.arctan2(sign * upper[0], -upper[1])  # how far the arm stands off at rest
-    hang = degrees(7.0) + degrees(1.0) * _wave(phase, 1, 0.55)
-    lift = about(Z, sign * (hang - spread))
-    inward = about(Y, -sign * (degrees(8.0) + degrees(5.0) * vigour * _wave(phase, 1, 0.55)))
-    front = np.arctan2(upper[2], -upper[1])
-    local[:, shoulder] = multiply(multiply(about(X, -(swing - front)), lift), inward)
-    if clavicle is not None:
-        local[:, clavicle] = multiply(
-            about(Y, sign * degrees(-2.0) * vigour * _wave(phase, 1, 0.55)), about(Z, np.full(len(phase), 0.0))
-        )
-    bend = degrees(11.0) + degrees(9.0) * vigour * (1 + _wave(phase, 1, 0.60)) + degrees(3.0) * vigour
-    if wrist is None:
-        local[:, elbow] = about(X, -bend)
-        return
-    fore = unit(c[wrist] - c[elbow])
-    straight = np.arctan2(fore[2], -fore[1]) - front  # bend at rest
-    local[:, elbow] = multiply(about(X, -(bend - straight)), about(-Y, sign * np.full(len(phase), degrees(14.0))))
-    local[:, wrist] = multiply(
-        about(X, degrees(4.0) * _wave(phase, 1, 0.72)), about(Z, -sign * np.full(len(phase), degrees(5.0)))
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,33 +229,26 @@ def _walk_legs(
     way, height = way / weight, np.min(heights, axis=0)  # with both feet down, the shorter leg decides
     start = way.mean()  # of the hips over the toe joint at heel strike
     move = np.zeros((len(phase), 3))
-    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * _wave(phase, 1, 0.31)
+    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * wave(phase, 1, 0.31)
     move[:, 1] = _even(height, phase)
     move[:, 2] = 0.7 * (_even(way, phase) - start)
     middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
     move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
-    feet = [_foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps]
+    feet = [
+        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
+        for leg, own, roll in steps
+    ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
         knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
-        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
+        aim_leg(skeleton, leg, world, hip, knee, ankle, ahead)
         world[:, leg.ankle] = foot
         for j in below(skeleton, leg.ankle):
             parent = world[:, skeleton.parents[j]]
             world[:, j] = multiply(parent, about(X, -bend)) if j in leg.toes else parent
     return world, move
-
-
-def _aim(skeleton: Skeleton, leg: Leg, world: Floats, hip: Floats, knee: Floats, ankle: Floats, ahead: Floats) -> None:
-    """World rotations (in place) that lay thigh and shank along hip, knee and ankle (F,3), kneecaps towards `ahead`."""
-    c = skeleton.centers
-    for joint, bone, line in (
-        (leg.hip, c[leg.knee] - c[leg.hip], knee - hip),
-        (leg.knee, c[leg.ankle] - c[leg.knee], ankle - knee),
-    ):
-        world[:, joint] = multiply(frame(line, ahead), inverse(frame(bone, Z)))
 
 
 def _legs_at(own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats, Floats]:
@@ -368,7 +320,9 @@ def _foot_way(
         axis=-1,
     )
     order = np.argsort(own)
-    loop = CubicSpline(np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic")
+    loop = CubicSpline(
+        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
+    )
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0
@@ -428,128 +382,3 @@ def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list)
         reach = np.sqrt(np.maximum((STRAIGHT * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2, 0.0))
         sink = max(sink, float((way[:, 1] - reach).max()))
     return sink
-
-
-def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequence[str] = ()) -> Motion:
-    """A person standing at ease: weight from leg to leg, breath, small looks around; never still, loops without a seam.
-
-    seconds: length of the loop (at least 4). blink: names of displacers that close the eyes; they get weights that close
-    them now and then for about 0.15 s. Feet stay planted on the floor where they are at rest.
-    """
-    if not seconds >= 4:
-        raise VitruvianError(f"seconds: expected at least 4 for one breath, found {seconds}")
-    if not fps >= 10:
-        raise VitruvianError(f"fps: expected at least 10 frames per second, found {fps}")
-    limbs, index = legs(skeleton), joint_index(skeleton.names)
-    if "humanoid_root" not in index:
-        raise VitruvianError("skeleton: expected a joint humanoid_root to stand")
-    frames = int(round(seconds * fps))
-    phase = np.arange(frames) / frames
-    wave = lambda n, peak=0.0: _wave(phase, n, peak)  # noqa: E731
-    degrees = np.radians
-    breaths = max(1, int(round(seconds / 4.0)))
-    breath = wave(breaths) + 0.18 * wave(2 * breaths, 0.02)
-    weight = 0.85 * wave(1, 0.2) + 0.22 * wave(2, 0.35) + 0.07 * wave(3, 0.1)  # 1: on the left leg
-    restless = 0.5 * wave(3, 0.15) + 0.35 * wave(5, 0.62)
-    pelvis = multiply(about(Z, degrees(1.8) * weight), about(Y, degrees(1.6) * wave(1, 0.32)))
-    pelvis = multiply(pelvis, about(X, degrees(0.5) * restless))
-    chest = multiply(about(Z, -degrees(1.0) * weight), about(Y, degrees(1.0) * wave(2, 0.5)))
-    chest = multiply(chest, about(X, degrees(1.0) - degrees(0.9) * breath + degrees(0.4) * restless))
-    look = degrees(4.5) * (wave(1, 0.62) + 0.45 * wave(2, 0.2)) + degrees(0.8) * restless
-    nod = degrees(0.5) + degrees(1.1) * wave(2, 0.8) + degrees(0.5) * wave(3, 0.4) + degrees(0.3) * breath
-    head = multiply(multiply(about(Y, look), about(X, nod)), about(Z, degrees(1.2) * wave(1, 0.45)))
-    local = np.zeros((frames, len(skeleton), 4))
-    local[..., 3] = 1.0
-    local[:, index["humanoid_root"]] = pelvis
-    _spine(skeleton, index, local, pelvis, chest, head)
-    for side, sign, late in (("l", 1.0, 0.0), ("r", -1.0, 0.07)):
-        _hanging_arm(skeleton, index, local, side, sign, breath, _wave(phase, 1, 0.4 + late) + 0.5 * _wave(phase, 3, late))
-    for name, turn in relaxed(skeleton).items():
-        ease_ = 1.0 + 0.12 * _wave(phase, 2, 0.3 if name.startswith("l") else 0.55)
-        local[:, index[name]] = about(to_axis(turn), 2 * np.arccos(np.clip(turn[3], -1, 1)) * ease_)
-    world = world_rotations(skeleton.parents, local)
-    move = np.zeros((frames, 3))
-    if len(limbs) == 2:
-        world, move = _stand(skeleton, limbs, world, weight, breath, phase)
-    return Motion(
-        skeleton,
-        fps,
-        local_rotations(skeleton.parents, world),
-        move,
-        weights={name: _blinks(frames, fps) for name in blink},
-        loop=True,
-        name="idle",
-    )
-
-
-def to_axis(q: Floats) -> Floats:
-    """Unit axis (3,) of a rotation that turns."""
-    return unit(q[..., :3])
-
-
-def _hanging_arm(
-    skeleton: Skeleton, index: dict[str, int], local: Floats, side: str, sign: float, breath: Floats, drift: Floats
-) -> None:
-    shoulder, elbow, wrist = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
-    if shoulder is None or elbow is None or wrist is None:
-        return
-    degrees, c = np.radians, skeleton.centers
-    if f"{side}_sternoclavicular" in index:
-        local[:, index[f"{side}_sternoclavicular"]] = about(Z, sign * degrees(0.9) * breath)
-    upper, fore = unit(c[elbow] - c[shoulder]), unit(c[wrist] - c[elbow])
-    spread, front = np.arctan2(sign * upper[0], -upper[1]), np.arctan2(upper[2], -upper[1])
-    hang = degrees(7.5) + degrees(0.5) * breath + degrees(0.5) * drift
-    forward = degrees(-1.0) + degrees(0.9) * drift
-    local[:, shoulder] = multiply(
-        multiply(about(X, -(forward - front)), about(Z, sign * (hang - spread))), about(Y, -sign * degrees(10.0) + 0 * hang)
-    )
-    straight = np.arctan2(fore[2], -fore[1]) - front
-    bend = degrees(13.0) + degrees(1.2) * drift
-    local[:, elbow] = multiply(about(X, -(bend - straight)), about(Y, -sign * degrees(14.0) + 0 * bend))
-    local[:, wrist] = about(Z, -sign * degrees(5.0) + 0 * bend)
-
-
-def _stand(
-    skeleton: Skeleton, limbs: tuple[Leg, ...], world: Floats, weight: Floats, breath: Floats, phase: Floats
-) -> tuple[Floats, Floats]:
-    """Both feet stay where they are at rest; the hips go over the loaded leg, whose knee is straighter."""
-    c = skeleton.centers
-    offset = positions(skeleton.parents, c, world, np.zeros((len(phase), 3)))
-    length = float(np.mean([leg.length for leg in limbs]))
-    move = np.zeros((len(phase), 3))
-    move[:, 0] = 0.022 * length / 0.9 * weight
-    move[:, 2] = 0.004 * length / 0.9 * (_wave(phase, 2, 0.1) + 0.6 * _wave(phase, 3, 0.7))
-    need = 0.0
-    ankles = []
-    for leg in limbs:
-        goal = c[leg.ankle]
-        hip = offset[:, leg.hip] + move
-        way = hip - goal
-        reach = np.sqrt((0.9985 * leg.length) ** 2 - way[:, 0] ** 2 - way[:, 2] ** 2)
-        need = max(need, float((way[:, 1] - reach).max()))
-        ankles.append(goal)
-    move[:, 1] -= need + 0.0008 * (1 + breath)
-    world = world.copy()
-    for leg, goal in zip(limbs, ankles):
-        hip = offset[:, leg.hip] + move
-        ankle = np.broadcast_to(goal, hip.shape)
-        sign = 1.0 if leg.side == "l" else -1.0
-        ahead = np.broadcast_to(rotate(about(Y, sign * np.radians(5.0)), Z), hip.shape)
-        knee, ankle = two_bone(hip, ankle, 0.5 * (hip + ankle) + ahead, leg.thigh, leg.shank, STRAIGHT)
-        _aim(skeleton, leg, world, hip, knee, ankle, ahead)
-        world[:, leg.ankle] = [0.0, 0.0, 0.0, 1.0]
-        for j in below(skeleton, leg.ankle):
-            world[:, j] = world[:, skeleton.parents[j]]
-    return world, move
-
-
-def _blinks(frames: int, fps: float) -> Floats:
-    """Weights (F,) that close the eyes about every three seconds, unevenly, each for about 0.15 s."""
-    out = np.zeros(frames)
-    at, gaps, k = 1.3, (3.1, 2.3, 3.9, 0.6, 3.4), 0
-    while at < frames / fps - 0.3:
-        t = np.arange(frames) / fps - at
-        out = np.maximum(out, np.where(t < 0, smooth(1 + t / 0.07), smooth(1 - (t - 0.03) / 0.11)))
-        at += gaps[k % len(gaps)]
-        k += 1
-    return out

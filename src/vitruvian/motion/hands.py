@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from vitruvian.body.types import Floats, Skeleton
-from vitruvian.motion.names import joint_index
+from vitruvian.motion.names import FINGER_JOINTS, joint_index
 from vitruvian.motion.turns import about, unit
 
 # Degrees of flexion at the knuckle, the middle and the last joint, index to little finger; a hand at rest closes towards
@@ -26,8 +26,7 @@ def relaxed(skeleton: Skeleton, amount: float = 1.0) -> dict[str, Floats]:
         first, last = index.get(f"{side}_metacarpophalangeal_2"), index.get(f"{side}_metacarpophalangeal_5")
         across = c[last] - c[first] if first is not None and last is not None else np.array([0.0, 0.0, -1.0])
         for finger, angles in RELAXED.items():
-            names = [f"{side}_metacarpophalangeal_{finger}"]
-            names += [f"{side}_carpal_{p}_interphalangeal_{finger}" for p in ("proximal", "distal")]
+            names = [f"{side}_{joint}" for joint in FINGER_JOINTS[finger]]
             known = [index[n] for n in names if n in index]
             if len(known) < 2:
                 continue
@@ -36,7 +35,7 @@ def relaxed(skeleton: Skeleton, amount: float = 1.0) -> dict[str, Floats]:
             for name, degrees in zip(names, angles):
                 if name in index:
                     out[name] = about(axis, np.radians(degrees * amount))
-        names = [f"{side}_{n}" for n in ("carpometacarpal_1", "metacarpophalangeal_1", "carpal_interphalangeal_1")]
+        names = [f"{side}_{joint}" for joint in FINGER_JOINTS[1]]
         known = [index[n] for n in names if n in index]
         if len(known) == 3:
             # the thumb folds across the palm, towards the knuckle of the middle finger

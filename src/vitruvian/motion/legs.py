@@ -15,7 +15,6 @@ from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.motion.contacts import Leg, floor_at_rest, runs
 from vitruvian.motion.turns import about, positions, unit
-from vitruvian.motion.types import continuous
 
 REACH = 0.995  # of the straight leg; beyond it knees lock and snap
 UP = np.array([0.0, 1.0, 0.0])
@@ -170,6 +169,8 @@ def _steps(
     yaw, pitch, roll = heading(world[:, leg.ankle])
     on_heel, on_ball = ease(hold.heel, blend * fps), ease(hold.ball, blend * fps)
     pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
+    # who turns on one end of the foot keeps the other a little off the floor
+    pitch = pitch + np.radians(3.0) * (on_heel * (1 - on_ball) - on_ball * (1 - on_heel))
     roll = roll * (1 - np.maximum(on_heel, on_ball))
     foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, roll)
     heel = ankle + rotate(foot, leg.heel - c[leg.ankle])
@@ -184,8 +185,8 @@ def _steps(
     toes = slerp(toes, about(UP, heading(foot)[0]), on_ball)
     ground = [heel[:, 1], *((ball + rotate(toes, p - leg.pivot))[:, 1] for p in (leg.ball, leg.tip))]
     lowest = np.min(ground, axis=0) + goal[:, 1] - ankle[:, 1]
-    away = 1.0 - ease(stands, 0.15 * fps)  # swinging feet pass a little over the floor
-    goal[:, 1] += np.maximum(floor + 0.012 * away - lowest, 0.0)
+    away = 1.0 - ease(stands, 0.07 * fps)  # swinging feet pass a little over the floor
+    goal[:, 1] += np.maximum(floor + 0.015 * away - lowest, 0.0)
     return goal, foot, hold
 
 
@@ -206,7 +207,7 @@ def _split(hold: Foothold, ball: Floats, fps: float, *, drift: float = 0.05, pau
     return Foothold(heel, front)
 
 
-def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(6.0)) -> Floats:
+def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(15.0)) -> Floats:
     """Flat feet do not turn: up to `limit` of turning is taken off; what turns more really turns."""
     change = np.zeros((len(yaw), 1))
     for start, stop in runs(flat):
@@ -227,16 +228,21 @@ def _hold(
         delta[part] = np.median(heel[part], axis=0) - heel[part]
         delta[part, 1] = floor - heel[part, 1]
         return
-    spot = np.median(ball[part][on_ball], axis=0)
-    spot[1] = high
-    rows = start + np.flatnonzero(on_ball)
-    delta[rows] = spot - ball[rows]
-    for first, last in runs(~on_ball):
-        # heel alone, before or after the ball: the heel stays where the flat foot had it
-        edge = start + (last if last < stop - start else first - 1)
-        rows = np.arange(start + first, start + last)
-        delta[rows] = heel[edge] + delta[edge] - heel[rows]
-        delta[rows, 1] = floor - heel[rows, 1]
+    # runs of one kind, outwards from the longest on the ball: each takes over where its neighbour has put the foot
+    pieces = sorted([(a, b, True) for a, b in runs(on_ball)] + [(a, b, False) for a, b in runs(~on_ball)])
+    first = max((k for k, piece in enumerate(pieces) if piece[2]), key=lambda k: pieces[k][1] - pieces[k][0])
+    a, b, _ = pieces[first]
+    spot = np.median(ball[start + a : start + b], axis=0)
+    for k in [first, *range(first + 1, len(pieces)), *range(first - 1, -1, -1)]:
+        a, b, front = pieces[k]
+        path, rise = (ball, high) if front else (heel, floor)
+        rows = np.arange(start + a, start + b)
+        if k != first:
+            # the frame of the neighbour that is already put down
+            edge = start + (a - 1 if k > first else b)
+            spot = path[edge] + delta[edge]
+        delta[rows] = spot - path[rows]
+        delta[rows, 1] = rise - path[rows, 1]
 
 
 def _bridge(delta: Floats, stands: NDArray[np.bool_]) -> Floats:

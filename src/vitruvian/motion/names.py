@@ -8,51 +8,36 @@ Rigify, Biped of 3ds Max, SMPL, H-Anim 1.x and 2.0. Names are compared without s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import cache
+
+from vitruvian.hanim.tables import canonical
 
 SPINE, NECK = "spine", "neck"
-
-# H-Anim 1.x joint names that differ from 2.0 (ISO/IEC 19774-1: part 1, tables of joint names), without side.
-_OLD = {
-    "ankle": "talocrural",
-    "subtalar": "tarsometatarsal_2",
-    "midtarsal": "metatarsophalangeal_2",
-    "metatarsal": "tarsal_distal_interphalangeal_2",
-    "wrist": "radiocarpal",
-    "thumb1": "carpometacarpal_1",
-    "thumb2": "metacarpophalangeal_1",
-    "thumb3": "carpal_interphalangeal_1",
-}
-for _i, _finger in enumerate(("index", "middle", "ring", "pinky"), 2):
-    _OLD[f"{_finger}0"] = f"carpometacarpal_{_i}"
-    _OLD[f"{_finger}1"] = f"metacarpophalangeal_{_i}"
-    _OLD[f"{_finger}2"] = f"carpal_proximal_interphalangeal_{_i}"
-    _OLD[f"{_finger}3"] = f"carpal_distal_interphalangeal_{_i}"
-
 VERTEBRAE = (
     *(f"vl{i}" for i in range(5, 0, -1)),
     *(f"vt{i}" for i in range(12, 0, -1)),
     *(f"vc{i}" for i in range(7, 0, -1)),
 )
-_MIDDLE = {"humanoid_root", "sacroiliac", "skullbase", "temporomandibular", *VERTEBRAE}
-_SIDED = {
-    *("hip knee talocrural metatarsophalangeal_2 tarsometatarsal_2 tarsal_distal_interphalangeal_2".split()),
-    *("sternoclavicular acromioclavicular shoulder elbow radiocarpal".split()),
-    *("eyelid_joint eyeball_joint eyebrow_joint".split()),
-    *(name for name in _OLD.values()),
+FINGER_JOINTS = {
+    1: ("carpometacarpal_1", "metacarpophalangeal_1", "carpal_interphalangeal_1"),
+    **{
+        k: (f"metacarpophalangeal_{k}", f"carpal_proximal_interphalangeal_{k}", f"carpal_distal_interphalangeal_{k}")
+        for k in range(2, 6)
+    },
 }
 
-# Spellings without side. A name in two rows is decided by what else the rig has (see `_UNLESS`).
-_MIDDLE_WORDS = {
-    "humanoid_root": "hips hip pelvis root humanoidroot humanoid root hipsjoint",
+# Words of the middle of the body and of each side: H-Anim joint -> how rigs spell it.
+_MIDDLE = {
+    "humanoid_root": "hips hip pelvis root humanoidroot humanoid bip bip01 bip001",
     SPINE: "spine spine0 spine1 spine2 spine3 spine4 spine5 spine01 spine02 spine03 spine04 spine05 spine001 spine002 "
     "spine003 lowerback lowback chest chest1 chest2 chest3 chest4 upperchest torso abdomen thorax upperback waist",
     NECK: "neck neck0 neck1 neck2 neck01 neck02 neck03 lowerneck upperneck spine004 spine005",
     "skullbase": "head spine006 skull",
     "temporomandibular": "jaw",
 }
-_SIDED_WORDS = {
-    "hip": "upleg upperleg upleg1 upperleg01 thigh hip femur leftupleg",
+_SIDED = {
+    "hip": "upleg upperleg upperleg01 thigh hip femur",
     "knee": "leg lowleg loleg lowerleg lowerleg01 knee shin calf tibia",
     "talocrural": "foot ankle",
     "metatarsophalangeal_2": "toe toes toebase toe0 toe11 ball foot",
@@ -63,110 +48,100 @@ _SIDED_WORDS = {
     "radiocarpal": "hand wrist",
     "eyeball_joint": "eye",
 }
-for _i, _words in enumerate(("thumb", "index", "middle mid", "ring", "pinky little"), 1):
-    _joints = (
-        ("carpometacarpal_1", "metacarpophalangeal_1", "carpal_interphalangeal_1")
-        if _i == 1
-        else tuple(f"{part}_{_i}" for part in ("metacarpophalangeal", "carpal_proximal_interphalangeal"))
-        + (f"carpal_distal_interphalangeal_{_i}",)
-    )
-    for _k, _joint in enumerate(_joints):
-        _forms = [f"finger{_i}{_k + 1}", f"finger{_i - 1}{_k or ''}"]
-        for _word in _words.split():
-            _forms += [f"{_word}{_k + 1}", f"hand{_word}{_k + 1}", f"f{_word}0{_k + 1}", f"{_word}0{_k + 1}"]
-            _forms.append(_word + ("proximal", "intermediate", "distal")[_k])
-        if _i == 1:
-            _forms[-1] = ("thumbmetacarpal", "thumbproximal", "thumbdistal")[_k]
-            _forms += ["thumb"] if _k == 0 else ["thumbintermediate"] if _k == 1 else []
-        _SIDED_WORDS[_joint] = " ".join(_forms)
-
-# A word is not this joint when the same side also has one of those words: "hand" of a rig with a "wrist" is the palm.
-_UNLESS = {
-    ("sternoclavicular", "shoulder"): None,  # only when the upper arm has another name, see `match`
-    ("shoulder", "shoulder"): {"arm", "uparm", "upperarm", "upperarm01", "humerus"},
-    ("radiocarpal", "hand"): {"wrist"},
-    ("talocrural", "foot"): {"ankle"},
-    ("knee", "leg"): {"lowleg", "loleg", "lowerleg", "knee", "shin", "calf"},
+_UPPER_ARM = {"arm", "uparm", "upperarm", "upperarm01", "humerus"}
+# A word is this joint only if the same side has (True) or has not (False) one of those words too: what is called "hand"
+# in a rig with a "wrist" is the palm, a "shoulder" beside an "arm" is the collar bone.
+_WHEN = {
+    ("sternoclavicular", "shoulder"): (True, _UPPER_ARM),
+    ("shoulder", "shoulder"): (False, _UPPER_ARM),
+    ("radiocarpal", "hand"): (False, {"wrist"}),
+    ("talocrural", "foot"): (False, {"ankle"}),
+    ("metatarsophalangeal_2", "foot"): (True, {"ankle"}),
+    ("knee", "leg"): (False, {"lowleg", "loleg", "lowerleg", "knee", "shin", "calf"}),
 }
 
 
-def hanim_name(name: str) -> str | None:
-    """The H-Anim 2.0 name of an H-Anim 1.x or 2.0 joint, or None when it is neither. Case counts, as in the standard."""
-    if name == "HumanoidRoot" or name in _MIDDLE:
-        return "humanoid_root" if name == "HumanoidRoot" else name
-    side, _, part = name.partition("_")
-    if side in ("l", "r") and part:
-        part = _OLD.get(part, part)
-        if part in _SIDED or re.fullmatch(r"[a-z_]*(tarsal|carpal|phalangeal|crural|cuboid|navicular)[a-z_]*(\d(_5)?)?", part):
-            return f"{side}_{part}"
-    return None
+@cache
+def _words() -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """(middle, sided): word -> the joints it may mean, in order."""
+    sided = {joint: words.split() for joint, words in _SIDED.items()}
+    for k, (joints, fingers) in enumerate(
+        zip(FINGER_JOINTS.values(), ("thumb", "index", "middle mid", "ring", "pinky little")), 1
+    ):
+        phases = ("metacarpal", "proximal", "distal") if k == 1 else ("proximal", "intermediate", "distal")
+        for i, joint in enumerate(joints):
+            forms = [f"finger{k}{i + 1}", f"finger{k - 1}{i or ''}"]  # MakeHuman 1-1, Biped 0, 01, 02
+            for finger in fingers.split():
+                forms += [f"{finger}{i + 1}", f"hand{finger}{i + 1}", f"{finger}0{i + 1}", f"f{finger}0{i + 1}"]
+                forms.append(finger + phases[i])
+            sided[joint] = forms
+    sided["carpometacarpal_1"].append("thumb")
+    sided["metacarpophalangeal_1"].append("thumbintermediate")
+    out: tuple[dict[str, list[str]], dict[str, list[str]]] = {}, {}
+    for table, source in zip(out, ({j: w.split() for j, w in _MIDDLE.items()}, sided)):
+        for joint, forms in source.items():
+            for form in forms:
+                table.setdefault(form, []).append(joint)
+    return out
 
 
 def split_name(name: str) -> tuple[str, str]:
     """Side ("l", "r" or "") and bare lower-case word of a joint's name."""
     bare = re.sub(r"^.*[:|]", "", name.strip())
     bare = re.sub(r"^(Bip\d*|Character\d*|DEF|ORG|J_Bip|J_Sec|CC_Base|m_avg|ValveBiped\.Bip\d*)[ _\-.]+", "", bare)
-    bare = re.sub(r"([a-z])([A-Z])", r"\1 \2", bare)
-    tokens = [t for t in re.split(r"[ _\-.]+", bare) if t]
+    tokens = [t for t in re.split(r"[ _\-.]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", bare)) if t]
     side = ""
     for i, token in enumerate(tokens):
-        low = token.lower()
-        if low in ("l", "left", "r", "right"):
-            side = low[0]
-            del tokens[i]
+        if token.lower() in ("l", "left", "r", "right"):
+            side = tokens.pop(i)[0].lower()
             break
     word = "".join(tokens).lower()
     if not side:
-        # one letter stuck to the front or spelt together: LThumb, lhand, LHipJoint, leftarm
-        stuck = re.match(r"(left|right)(?=.)", word) or re.match(r"[LR](?=[A-Z])", bare) or re.match(r"[lr](?=hand$)", bare)
+        # one letter stuck to the front, or all in one word: LThumb, lhand, leftarm
+        stuck = re.match(r"(left|right)(?=.)", word) or re.match(r"[LR](?=[A-Z])|[lr](?=hand$)", bare)
         if stuck:
-            side = stuck[0][0].lower()
-            word = word[len(stuck[0]) :]
+            side, word = stuck[0][0].lower(), word[len(stuck[0]) :]
     return side, word
 
 
-def match(names: Iterable[str], own: dict[str, str] | None = None) -> dict[str, str]:
+def match(names: Iterable[str], own: Mapping[str, str] | None = None) -> dict[str, str]:
     """Which H-Anim 2.0 joint each joint of a rig is: {rig's name: H-Anim name}.
 
     Trunk and neck joints that are no particular vertebra are answered as "spine" and "neck". Names nobody knows are
     absent. `own` {rig's name: H-Anim name} wins over the tables. Each H-Anim joint is given once, to the first.
     """
-    names = list(names)
-    own = own or {}
-    found: dict[str, str] = {n: hanim_name(own[n]) or own[n] for n in names if n in own}
-    exact = {n: h for n in names if n not in own and (h := hanim_name(n))}
+    names, own = list(names), dict(own or {})
+    found = {n: canonical(own[n]) or own[n] for n in names if n in own}
+    exact = {n: known for n in names if n not in own and (known := canonical(n))}
     if len(exact) > len(names) // 2:
         return {**exact, **found}
-    taken = {h for h in found.values() if h not in (SPINE, NECK)}
+    taken = set(found.values())
     split = {n: split_name(n) for n in names}
-    words = {side: {w for s, w in split.values() if s == side} for side in ("", "l", "r")}
+    said = {side: {w for s, w in split.values() if s == side} for side in ("", "l", "r")}
+    middle, sided = _words()
     for name in names:
         if name in found or name.startswith("__"):  # MakeHuman's helpers carry no motion of their own
             continue
         side, word = split[name]
-        for joint, spellings in (_SIDED_WORDS if side else _MIDDLE_WORDS).items():
-            if word not in spellings.split():
-                continue
-            if (joint, word) == ("sternoclavicular", "shoulder"):
-                if not words[side] & {"arm", "uparm", "upperarm", "upperarm01", "humerus"}:
-                    continue
-            elif words[side] & (_UNLESS.get((joint, word)) or set()):
-                continue
-            if joint == "metatarsophalangeal_2" and word == "foot" and "ankle" not in words[side]:
-                continue
+        for joint in (sided if side else middle).get(word, ()):
+            wanted, others = _WHEN.get((joint, word), (False, set()))
             full = f"{side}_{joint}" if side else joint
-            if full in taken:
+            if full in taken or wanted != bool(said[side] & others):
                 continue
+            if full == NECK and word.startswith("spine") and "neck" in said[""]:
+                full = SPINE  # Rigify's fifth and sixth spine joints are its neck, other rigs have one
             found[name] = full
             if full not in (SPINE, NECK):
                 taken.add(full)
             break
-    if "neck" not in {w for s, w in split.values() if not s}:
-        # Rigify counts its neck as spine 4 and 5; other rigs with that many have a neck of their own
-        return found
-    return {n: SPINE if h == NECK and split[n][1].startswith("spine") else h for n, h in found.items()}
+    return found
 
 
 def joint_index(names: Iterable[str]) -> dict[str, int]:
-    """H-Anim 2.0 name -> index among joints named by either version of the standard."""
-    return {h: i for i, n in enumerate(names) if (h := hanim_name(n))}
+    """H-Anim 2.0 name -> index among joints named by either version of the standard; the first wins."""
+    out: dict[str, int] = {}
+    for i, name in enumerate(names):
+        known = canonical(name)
+        if known:
+            out.setdefault(known, i)
+    return out

@@ -16,16 +16,15 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, runs, standing
+from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import Foothold, plant
-from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, joint_index, match
+from vitruvian.motion.names import FINGER_JOINTS, NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
 from vitruvian.motion.types import Motion
 
 UP = np.array([0.0, 1.0, 0.0])
-FINGERS = [f"{part}_{k}" for k in range(1, 6) for part in ("carpometacarpal", "metacarpophalangeal")]
-FINGERS += ["carpal_interphalangeal_1"]
-FINGERS += [f"carpal_{p}_interphalangeal_{k}" for k in range(2, 6) for p in ("proximal", "distal")]
+FINGERS = [n for joints in FINGER_JOINTS.values() for n in joints] + [f"carpometacarpal_{k}" for k in range(2, 6)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +142,10 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     skeleton = motion.skeleton
     unknown = set(names or {}) - set(skeleton.names)
     if unknown:
-        raise VitruvianError(f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ...")
-    roles = match(skeleton.names, dict(names or {}))
+        raise VitruvianError(
+            f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
+        )
+    roles = match(skeleton.names, names)
     twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
     if twice:
         raise VitruvianError(f"names: two joints of the clip are given to {twice[0]}; expected one")
@@ -152,7 +153,9 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     trunk = tuple(skeleton.index[n] for n, h in roles.items() if h in (SPINE, NECK))
     if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
         some = ", ".join(skeleton.names[:6])
-        raise VitruvianError(f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}")
+        raise VitruvianError(
+            f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}"
+        )
     rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
     notes = []
     if _odd_start(motion):
@@ -267,9 +270,8 @@ def _align_fingers(
     source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
 ) -> None:
     for k in range(1, 6):
-        middle = ("carpal_interphalangeal_1",) if k == 1 else tuple(f"carpal_{p}_interphalangeal_{k}" for p in ("proximal", "distal"))
-        chain = [f"{side}_{n}" for n in (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", *middle)]
-        chain = [n for n in chain if n in align]
+        joints = FINGER_JOINTS[k] if k == 1 else (f"carpometacarpal_{k}", *FINGER_JOINTS[k])
+        chain = [n for joint in joints if (n := f"{side}_{joint}") in align]
         for near, far in zip(chain, chain[1:]):
             own = skeleton.centers[target[far]] - skeleton.centers[target[near]]
             his = source.rest[source.index[far]] - source.rest[source.index[near]]
@@ -397,8 +399,6 @@ def _untwist(local: Floats, skeleton: Skeleton, target: dict[str, int], share: f
 
 def _relax_fingers(local: Floats, skeleton: Skeleton, target: dict[str, int], given: list[bool]) -> None:
     """Fingers that the clip says nothing about hang as those of a hand at rest."""
-    from vitruvian.motion.hands import relaxed
-
     for name, turn in relaxed(skeleton).items():
         if not given[target[name]]:
             local[:, target[name]] = turn
@@ -418,7 +418,9 @@ def _root(
             ratios.append(own / max(his, 1e-9))
     scale = float(np.mean(ratios)) if ratios else 1.0
     hips = [n for n in ("l_hip", "r_hip") if n in index and n in target]
-    his = np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
+    his = (
+        np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
+    )
     rest = np.mean([source.rest[index[n]] for n in hips], axis=0) if hips else source.rest[index["humanoid_root"]]
     zero = np.zeros((len(world), 3))
     place = positions(skeleton.parents, c, world, zero)
@@ -440,6 +442,11 @@ def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
         return Foothold(none, none)
     heel = standing(source.place[:, ankle] * scale, fps)
     ball = standing(source.place[:, toe] * scale, fps)
+    # an end of the foot that comes loose for a moment while the other stands has not been lifted
+    for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
+        for start, stop in runs(~flags):
+            if start > 0 and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+                flags[start:stop] = True
     return Foothold(heel, ball)
 
 
@@ -457,4 +464,3 @@ def _ground(
     if not found.size:
         found = place[:, [leg.ankle for leg in limbs], 1].min(axis=1) - limbs[0].length * 0.1
     return floor_at_rest(skeleton) - float(np.median(found))
-

@@ -12,7 +12,8 @@ from vitruvian.body.rotations import from_axis_angle, from_euler, from_vector, m
 from vitruvian.body.types import Floats, Skeleton, require
 from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
-from vitruvian.motion.names import hanim_name, joint_index
+from vitruvian.hanim.tables import canonical
+from vitruvian.motion.names import joint_index
 from vitruvian.motion.types import Motion
 
 
@@ -42,7 +43,7 @@ def _joint(skeleton: Skeleton, name: str) -> int | None:
     """Index by the name itself, else by what the standard's other version calls it."""
     if name in skeleton.index:
         return skeleton.index[name]
-    known = hanim_name(name)
+    known = canonical(name)
     return joint_index(skeleton.names).get(known) if known else None
 
 
@@ -106,7 +107,9 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
                     rest = skeleton.centers[j] - (skeleton.centers[parent] if parent >= 0 else 0.0)
                     shift[:, j, axis] -= rest[axis]
     if lost:
-        warn(f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out")
+        warn(
+            f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out"
+        )
     loop = data.loop and len(values) > 1
     if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
         rotation, shift = rotation[:-1], shift[:-1]
@@ -259,6 +262,4 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
             columns.append(shift[:, j])
         if turns:
             columns.append(np.degrees(to_euler(rotation[:, j], order, continuous=True)))
-    return MotionData(
-        motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop
-    )
+    return MotionData(motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop)

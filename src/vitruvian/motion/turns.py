@@ -58,9 +58,7 @@ def local_rotations(parents: ArrayLike, world: Floats) -> Floats:
     return out
 
 
-def positions(
-    parents: ArrayLike, centers: Floats, world: Floats, root: Floats, shift: Floats | None = None
-) -> Floats:
+def positions(parents: ArrayLike, centers: Floats, world: Floats, root: Floats, shift: Floats | None = None) -> Floats:
     """Joint positions (F,J,3) from centers (J,3) at rest, world rotations (F,J,4), `root` (F,3) translation of joint 0.
 
     `shift` (F,J,3) are the translations of all joints in their parents' frames, or None.

@@ -15,8 +15,9 @@ class Motion:
 
     rotation (F,J,4): local joint rotations, unit quaternions xyzw, hemisphere-continuous in time.
     translation (F,3): the translation field of the first joint (an offset from its rest centre), metres.
-    joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None. weights: displacer name -> (F,). loop: the last frame leads to
-    the first. notes: what a reader or retargeting had to decide, one line each.
+    joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None.
+    weights: displacer name -> (F,). loop: the last frame leads to the first.
+    notes: what a reader or retargeting had to decide, one line each.
     """
 
     skeleton: Skeleton
@@ -33,7 +34,7 @@ class Motion:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         require(np.isfinite(self.fps) and self.fps > 0, "fps", "a positive number", self.fps)
         rotation = floats(self.rotation, "rotation", None, len(self.skeleton), 4)
-        norm = np.linalg.norm(rotation, axis=-1)
+        norm = np.sqrt(np.einsum("fji,fji->fj", rotation, rotation))
         if (norm < 1e-6).any():
             frame, joint = np.argwhere(norm < 1e-6)[0]
             name = self.skeleton.names[joint]
@@ -59,8 +60,10 @@ def continuous(rotation: Floats) -> Floats:
     """The same rotations (F,...,4) with signs chosen so that neighbours in time have a non-negative dot product."""
     if len(rotation) < 2:
         return rotation
-    dots = np.einsum("f...i,f...i->f...", rotation[1:], rotation[:-1])
-    sign = np.cumprod(np.where(dots < 0, -1.0, 1.0), axis=0)
+    flips = np.einsum("f...i,f...i->f...", rotation[1:], rotation[:-1]) < 0
+    if not flips.any():
+        return rotation
     out = rotation.copy()
-    out[1:] *= sign[..., None]
+    turned = np.logical_xor.accumulate(flips, axis=0)
+    np.negative(out[1:], out=out[1:], where=turned[..., None])
     return out

@@ -11,7 +11,10 @@ from vitruvian.motion.types import Motion
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface without skeleton: vertices (V,3) metres, triangles (T,3), uv (V,2) and colors (V,3) sRGB, or None."""
+    """A surface without skeleton: vertices (V,3) in `unit`, triangles (T,3), uv and colors (V,3) sRGB, or None.
+
+    uv is (V,2), or (U,2) with its own uv_triangles (T,3) where the texture has seams.
+    """
 
     vertices: Floats
     triangles: Ints
@@ -19,12 +22,18 @@ class Mesh:
     colors: Floats | None = None
     name: str = "object"
     unit: str = "m"
+    uv_triangles: Ints | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", floats(self.vertices, "vertices", None, 3))
         object.__setattr__(self, "triangles", indices(self.triangles, "triangles", len(self.vertices), None, 3))
         if self.uv is not None:
-            object.__setattr__(self, "uv", floats(self.uv, "uv", len(self.vertices), 2))
+            count = len(self.vertices) if self.uv_triangles is None else None
+            object.__setattr__(self, "uv", floats(self.uv, "uv", count, 2))
+        if self.uv_triangles is not None:
+            require(self.uv is not None, "uv_triangles", "uv together with it", None)
+            seams = indices(self.uv_triangles, "uv_triangles", len(self.uv), len(self.triangles), 3)
+            object.__setattr__(self, "uv_triangles", seams)
         if self.colors is not None:
             object.__setattr__(self, "colors", floats(self.colors, "colors", len(self.vertices), 3))
 

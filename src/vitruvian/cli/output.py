@@ -1,0 +1,52 @@
+"""What commands print: JSON on stdout when asked for, text otherwise; progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+Json = typer.Option(False, "--json", help="Print one JSON document to stdout and nothing else.")
+Out = typer.Option(..., "-o", "--out", help="File to write; its extension says the format.")
+Repair = typer.Option(False, "--repair", help="Drop numbers that can't be meant instead of refusing the file.")
+
+
+def emit(document: Any, text: str, as_json: bool) -> None:
+    """Print the answer of a command."""
+    print(json.dumps(document, indent=1, default=_plain) if as_json else text)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars and arrays as JSON knows them."""
+    return value.tolist()
+
+
+def say(text: str) -> None:
+    """A message on the way, to stderr."""
+    print(text, file=sys.stderr)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on stderr when somebody watches; answers a callable (done, total, text)."""
+    if not sys.stderr.isatty():
+        yield lambda done, total, text="": None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+
+        def update(done: int, total: int, text: str = "") -> None:
+            bar.update(task, completed=done, total=total, description=text or title)
+
+        yield update
+
+
+def count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,165 @@
+"""Commands about people: person, animate."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vitruvian.cli import app
+from vitruvian.cli.output import Json, Out, count, emit, progress
+from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from vitruvian.body.types import Body
+    from vitruvian.hanim.humanoid import Humanoid
+    from vitruvian.motion.types import Motion
+    from vitruvian.stage.clip import Clip
+
+GAITS = ("walk", "idle")
+
+
+@app.command(epilog="Example: vitruvian person --gender female --age 40 --height 1.68 -o anna.glb")
+def person(
+    out: Path = Out,
+    gender: str = typer.Option("0.5", help="female, male, or a number from 0 (female) to 1 (male)."),
+    age: float = typer.Option(25, help="Years, 10 to 90."),
+    height: float | None = typer.Option(None, help="Stature in metres."),
+    weight: float = typer.Option(0.5, min=0, max=1, help="From 0 (thin) to 1 (heavy)."),
+    muscle: float = typer.Option(0.5, min=0, max=1, help="From 0 (slack) to 1 (muscular)."),
+    measure: list[str] = typer.Option([], "--measure", metavar="NAME=CM", help="A measure in cm; may be repeated."),
+    loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),
+    as_json: bool = Json,
+) -> None:
+    """Make the built-in person and write it to a file."""
+    from vitruvian.formats.registry import save
+    from vitruvian.modeling.measure import report
+    from vitruvian.modeling.person import person as make
+
+    names = {"female": 0.0, "male": 1.0}
+    try:
+        sex = names[gender] if gender in names else float(gender)
+    except ValueError:
+        raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
+    humanoid = make(
+        gender=sex, age=age, height=height, weight=weight, muscle=muscle, measures=_measures(measure) or None, loa=loa
+    )
+    save(humanoid, out)
+    facts = report(humanoid)
+    text = f"wrote {out}: {facts['height_m']:.2f} m, {facts['mass_kg']:.0f} kg"
+    text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in facts["measures"].items())
+    emit(facts, text, as_json)
+
+
+def _measures(items: list[str]) -> dict[str, float]:
+    """NAME=CM options as {name: metres}."""
+    out = {}
+    for item in items:
+        name, _, value = item.partition("=")
+        try:
+            out[name] = float(value) / 100
+        except ValueError:
+            raise VitruvianError(f"--measure: expected NAME=CM such as waist=78, found {item}") from None
+    return out
+
+
+def subject(source: str, *, repair: bool = False) -> Humanoid:
+    """A humanoid from a file, or the built-in person for the word `person`."""
+    if source == "person" and not Path(source).exists():
+        from vitruvian.modeling.person import person as make
+
+        return make()
+    from vitruvian.formats.registry import load
+    from vitruvian.hanim.humanoid import Humanoid
+
+    found = load(source, repair=repair)
+    if not isinstance(found, Humanoid):
+        raise VitruvianError(f"{source}: expected an H-Anim body, found a {type(found).__name__.lower()}")
+    return found
+
+
+def movement(source: str, body: Body) -> Motion:
+    """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a BVH file, or the motion of another body."""
+    from vitruvian.motion.retarget import retarget
+
+    if source in GAITS and not Path(source).exists():
+        from vitruvian.motion import gait
+
+        return getattr(gait, source)(body.skeleton)
+    from vitruvian.body.pack import pack
+    from vitruvian.formats.registry import load
+    from vitruvian.motion.tracks import motion_of
+    from vitruvian.motion.types import Motion
+
+    found = load(source)
+    if not isinstance(found, Motion):
+        own = motion_of(found, pack(found).skeleton) if hasattr(found, "skeleton") else None
+        if own is None:
+            raise VitruvianError(f"{source}: expected a motion, found none in it")
+        found = own
+    return retarget(found, body.skeleton)
+
+
+def write(clip: Clip, out: Path) -> dict[str, Any]:
+    """Write a clip to a file of any kind we have: scenes, GLB, BVH, OBJ, a page, a picture or a film."""
+    kind = out.suffix.lower()
+    if kind == ".html":
+        from vitruvian.show.recording import record
+
+        record(clip, out)
+    elif kind == ".png":
+        from vitruvian.show.picture import picture
+
+        picture(clip, out)
+    elif kind in (".mp4", ".gif", ".webp"):
+        from vitruvian.show.film import film
+
+        with progress("film") as update:
+            film(clip, out, progress=update)
+    else:
+        from vitruvian.formats.registry import save
+
+        return save(clip, out)
+    return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
+
+
+@app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
+def animate(
+    body: str = typer.Argument(..., help="H-Anim file, or the word person."),
+    motion: str = typer.Argument(..., help="BVH or H-Anim file, or the words walk or idle."),
+    out: Path = Out,
+    deformer: str = typer.Option("log", help="How the skin follows: linear, dual-quaternion, log, hybrid, ..."),
+    repair: bool = typer.Option(
+        False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
+    ),
+    as_json: bool = Json,
+) -> None:
+    """Put a motion on a body and write what comes out (.glb .x3d .wrl .html .mp4 .png .bvh .obj)."""
+    from vitruvian.body.pack import pack
+    from vitruvian.deform.deformer import deformer as bind
+    from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm
+    from vitruvian.stage.clip import Clip
+
+    start = time.perf_counter()
+    humanoid = subject(body, repair=repair)
+    packed = pack(humanoid)
+    bind(deformer, packed)  # an unknown name fails here, before the work
+    clip = Clip(humanoid, packed, movement(motion, packed), deformer)
+    report = write(clip, out)
+    moved = clip.motion
+    assert moved is not None
+    document = {
+        "frames": len(moved),
+        "fps": moved.fps,
+        "foot_slide_mm": foot_slide_mm(moved, packed),
+        "floor_penetration_mm": floor_penetration_mm(moved, packed),
+        "seconds": time.perf_counter() - start,
+        **report,
+    }
+    text = (
+        f"wrote {out}: {count(document['frames'], 'frame')} at {moved.fps:g} per second; feet slide "
+        f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
+    )
+    emit(document, text, as_json)

@@ -1,0 +1,123 @@
+"""Commands that show: view, render, bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from vitruvian.cli import app
+from vitruvian.cli.output import Json, Out, emit, progress, say
+from vitruvian.errors import VitruvianError
+
+
+def _shown(file: str) -> Any:
+    """A file as something to look at: a clip with the animation the file brings, or a mesh."""
+    from vitruvian.body.pack import pack
+    from vitruvian.formats.registry import load
+    from vitruvian.hanim.humanoid import Humanoid
+    from vitruvian.motion.tracks import motion_of
+    from vitruvian.motion.types import Motion
+    from vitruvian.stage.clip import Clip
+
+    thing = load(file)
+    if isinstance(thing, Motion):  # shown on the built-in person
+        from vitruvian.modeling.person import person
+        from vitruvian.motion.retarget import retarget
+
+        humanoid = person()
+        body = pack(humanoid)
+        return Clip(humanoid, body, retarget(thing, body.skeleton))
+    if isinstance(thing, Humanoid):
+        body = pack(thing)
+        return Clip(thing, body, motion_of(thing, body.skeleton))
+    return thing
+
+
+@app.command(epilog="Example: vitruvian view walking.x3d")
+def view(
+    files: list[str] = typer.Argument(..., help="H-Anim, BVH or OBJ files."),
+    no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
+    as_json: bool = Json,
+) -> None:
+    """Show files in the browser, until Ctrl-C."""
+    from vitruvian.show.live import show
+
+    things = [_shown(f) for f in files]
+    show(*things, open_browser=not no_open, announce=lambda url: emit({"address": url}, url, as_json))
+
+
+@app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")
+def render(
+    file: str = typer.Argument(..., help="H-Anim, BVH or OBJ file."),
+    out: Path = Out,
+    view: str = typer.Option("three-quarter", help="front, side, back, three-quarter, face, hands, or a _view Site."),
+    time: float = typer.Option(0.0, help="Seconds into the motion."),
+    as_json: bool = Json,
+) -> None:
+    """Draw a picture (.png) or film (.mp4 .gif .webp) without a screen."""
+    from vitruvian.stage.clip import Clip
+
+    thing = _shown(file)
+    kind = out.suffix.lower()
+    if kind == ".png":
+        from vitruvian.show.picture import picture
+
+        picture(thing, out, view=view, time=time)
+    elif kind in (".mp4", ".gif", ".webp"):
+        from vitruvian.show.film import film
+
+        if not isinstance(thing, Clip) or thing.motion is None:
+            raise VitruvianError(f"{file}: a film needs a motion, found none; write a .png instead")
+        with progress("film") as update:
+            film(thing, out, view=view, progress=update)
+    else:
+        raise VitruvianError(f"{out}: expected .png, .mp4, .gif or .webp")
+    emit({"files": [str(out)]}, f"wrote {out}", as_json)
+
+
+@app.command(epilog="Example: vitruvian bench skin kinematics")
+def bench(
+    names: list[str] | None = typer.Argument(None, help="Which: skin kinematics files stage (default: all)."),
+    quick: bool = typer.Option(False, "--quick", help="Fewer repetitions."),
+    as_json: bool = Json,
+) -> None:
+    """Measure this package against peers in one run and print ratios. Run it in a checkout of the project."""
+    import os
+    import platform
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    folder = Path.cwd() / "benchmarks"
+    known = sorted(p.stem for p in folder.glob("[a-z]*.py"))
+    if not known:
+        raise VitruvianError(f"{folder}: no benchmarks here; run this in a checkout of the project")
+    rows: list[dict[str, Any]] = []
+    for name in names or known:
+        if name not in known:
+            raise VitruvianError(f"bench: {name} is not one of {', '.join(known)}")
+        say(f"measuring {name} ...")
+        spec = spec_from_file_location(f"benchmarks_{name}", folder / f"{name}.py")
+        assert spec and spec.loader
+        module = module_from_spec(spec)
+        spec.loader.exec_module(module)
+        rows += module.rows(quick=quick)
+    machine = {
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "system": platform.system(),
+    }
+    emit({"machine": machine, "rows": rows}, "\n".join(map(_row, rows)), as_json)
+
+
+def _row(row: dict[str, Any]) -> str:
+    """One benchmark as a line of text."""
+
+    def seconds(value: float | None) -> str:
+        return "-" if value is None else f"{value * 1000:.3f} ms"
+
+    verdict = "holds" if row["holds"] else "MISSED"
+    return (
+        f"{row['name']:<48} {seconds(row['ours_s']):>12}  {row['peer'] or '-':<24} {seconds(row['peer_s']):>12}  "
+        f"{row['ratio']:>10.3g}  {row['goal']:<10} {verdict}"
+    )

@@ -1,0 +1,72 @@
+"""Motion to nodes: HAnimMotion, and TimeSensors with interpolators and their ROUTEs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from vitruvian.hanim.graph import Node, Route
+from vitruvian.hanim.humanoid import MotionData, Track
+
+INTERPOLATORS = {4: "OrientationInterpolator", 3: "PositionInterpolator", 1: "ScalarInterpolator"}
+
+
+def motion_node(motion: MotionData, name: str, *, enabled: bool) -> Node:
+    """An HAnimMotion of that DEF; `enabled` and `loop` are always written, since engines differ on their defaults."""
+    fields: dict[str, object] = {
+        "joints": " ".join(motion.joints),
+        "channels": " ".join(f"{len(g)} {' '.join(g)}" for g in motion.channels),
+        "enabled": bool(enabled),
+        "loop": bool(motion.loop),
+        "frameDuration": float(motion.frame_duration),
+        "endFrame": max(len(motion.values) - 1, 0),
+        "values": np.ascontiguousarray(motion.values).reshape(-1),
+    }
+    if motion.description:
+        fields["description"] = motion.description
+    return Node("HAnimMotion", name, fields)
+
+
+def track_nodes(
+    tracks: list[Track], targets: dict[str, Node], free: Callable[[str], str], prefix: str
+) -> tuple[list[Node], list[Route], list[str]]:
+    """TimeSensors (one per clip), interpolators (one per track), their ROUTEs, and what could not be driven.
+
+    `targets` maps track targets to nodes, `free` hands out DEFs. Only the first clip plays by itself.
+    """
+    timers: dict[str, Node] = {}
+    sensors: list[Node] = []
+    nodes: list[Node] = []
+    routes: list[Route] = []
+    absent: list[str] = []
+    for track in tracks:
+        target = targets.get(track.target)
+        values = track.values.reshape(len(track.keys), -1)
+        width = values.shape[1]
+        kind = target.type.removeprefix("HAnim") if target is not None else ""
+        if target is None or width not in INTERPOLATORS or (track.field == "weight") != (kind == "Displacer"):
+            absent.append(track.target)
+            continue
+        timer = timers.get(track.timer)
+        if timer is None:
+            timer = timers[track.timer] = Node(
+                "TimeSensor", free(prefix + (track.timer or "timer").removeprefix(prefix))
+            )
+            timer.fields["cycleInterval"] = float(track.interval)
+            timer.fields["loop"] = bool(track.loop)
+            timer.fields["enabled"] = len(timers) == 1
+            sensors.append(timer)
+        label = f"{track.target or 'humanoid'}_{track.field}" + (f"_{track.timer}" if len(timers) > 1 else "")
+        node = Node(INTERPOLATORS[width], free(prefix + label))
+        node.fields["key"] = track.keys
+        node.fields["keyValue"] = values if width > 1 else values.reshape(-1)
+        nodes.append(node)
+        routes.append(Route(timer.name, "fraction_changed", node.name, "set_fraction"))
+        routes.append(Route(node.name, "value_changed", target.name, f"set_{track.field}"))
+    lost = []
+    if absent:
+        lost.append(f"{len(absent)} tracks without a target ({absent[0] or 'humanoid'})")
+    if len(timers) > 1:
+        lost.append(f"{len(timers)} clips: only the first plays by itself, the other TimeSensors are disabled")
+    return [*sensors, *nodes], routes, lost

@@ -1,0 +1,248 @@
+"""One pass over a scene graph: typed access to fields, units applied, defects collected and said once per kind."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.errors import FileError, warn
+from vitruvian.hanim.graph import Literal, Node, Proto, Scene
+from vitruvian.hanim.values import parse
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+KINDS = ("Humanoid", "Joint", "Segment", "Site", "Displacer", "Motion")
+_NAME = re.compile(r"(?:HAnim)?(Humanoid|Joint|Segment|Site|Displacer|Motion)(?:_?\d[\w.]*)?\Z")
+# Fields that only one kind of prototype has in its interface: how prototypes under other names are recognised.
+_MARKS = (
+    ("humanoidBody", "Humanoid"),
+    ("skeleton", "Humanoid"),
+    ("limitOrientation", "Joint"),
+    ("momentsOfInertia", "Segment"),
+    ("displacements", "Displacer"),
+)
+_WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
+_LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
+
+
+def leniently(text: str) -> Floats:
+    """The numbers of a text in which some are not: those become NaN, so that the others keep their places."""
+
+    def number(token: str) -> float:
+        try:
+            return float(token)
+        except ValueError:
+            return float("nan")
+
+    try:
+        return np.array([float(t) for t in text.strip(" \t\r\n[]").replace(",", " ").split()], np.float64)
+    except ValueError:
+        pass
+    plain = re.sub(r"#[^\n]*", " ", text)
+    return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
+
+
+class Reading:
+    """Where typed values of one file come from. `repair` turns what would be an error into a reported repair.
+
+    Fields that an instance does not give take the default of its prototype's interface.
+    """
+
+    def __init__(self, scene: Scene, path: object = None, repair: bool = False):
+        self.scene = scene
+        self.path = str(path if path is not None else scene.path) or "scene"
+        self.repair = repair
+        factors = {category: factor for category, _, factor in scene.units}
+        self.length, self.angle = factors.get("length", 1.0), factors.get("angle", 1.0)
+        self.protos: dict[str, Proto] = scene.protos()
+        self.defects: dict[str, list[str]] = {}
+        self.repairs = 0
+        self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
+        self._kinds: dict[str, str] = {}
+
+    def kind(self, node: Node) -> str:
+        """Which H-Anim object a node is, native or prototype instance; "" when none."""
+        found = self._kinds.get(node.type)
+        if found is None:
+            found = self._kinds[node.type] = self._find_kind(node.type)
+        return found
+
+    def _find_kind(self, name: str) -> str:
+        match = _NAME.match(name)
+        if match and (match[1] != "Motion" or name.startswith("HAnim")):
+            return match[1]
+        fields = {f.name for f in self.protos[name].interface} if name in self.protos else set()
+        return next((kind for mark, kind in _MARKS if mark in fields), "")
+
+    def defect(self, rule: str, what: str, node: Node | None = None) -> None:
+        """Remember something that is wrong but has one accepted meaning."""
+        where = f"{self.path}:{node.line}: " if node is not None and node.line else f"{self.path}: "
+        self.defects.setdefault(rule, []).append(where + what)
+
+    def broken(self, what: str, node: Node | None = None, line: int = 0) -> None:
+        """Refuse the file; in repair mode remember that the offender was dropped."""
+        line = line or (node.line if node is not None else 0)
+        if not self.repair:
+            raise FileError(self.path, line, what)
+        self.repairs += 1
+        self.defect(f"repair {self.repairs}", f"repaired: {what}", node)
+
+    def mend(self, node: Node, field: str, value: object) -> None:
+        """In repair mode: put what is used instead (None: nothing) into the graph too, so that it will be written."""
+        if self.repair and value is None:
+            node.fields.pop(field, None)
+        elif self.repair:
+            node.fields[field] = value
+
+    def say(self) -> None:
+        """One warning per kind of defect: its first case and how many more there are."""
+        for cases in self.defects.values():
+            more = f" (and {len(cases) - 1} more like it)" if len(cases) > 1 else ""
+            warn(cases[0] + more)
+        self.defects.clear()
+
+    def raw(self, node: Node, field: str) -> object:
+        """The field's value as it stands, else the default of its prototype, else None."""
+        value = node.fields.get(field)
+        if value is None and node.type in self.protos:
+            value = next((f.value for f in self.protos[node.type].interface if f.name == field), None)
+        return value
+
+    def _numbers(self, node: Node, field: str, kind: str) -> Floats | None:
+        """Flat float64 of a field, or None when absent or (in repair mode) unreadable. Not checked for finiteness."""
+        raw = self.raw(node, field)
+        if raw is None:
+            return None
+        try:
+            value = parse(raw, kind, self.path) if isinstance(raw, Literal) else raw
+            array = np.asarray(value, dtype=np.float64).reshape(-1)
+        except FileError as error:
+            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            return leniently(raw.text) if isinstance(raw, Literal) else None
+        except (TypeError, ValueError):
+            self.broken(f"{self.who(node)} {field}: expected {kind}, found something else", node)
+            return None
+        return array
+
+    def vector(self, node: Node, field: str, default: tuple[float, ...]) -> Floats:
+        """A fixed-length field, shape (len(default),); lengths in metres, angles in radians."""
+        kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
+        before = self.repairs
+        array = self._numbers(node, field, kind)
+        if array is None:
+            return np.array(default)
+        if self.repairs > before:
+            self.mend(node, field, np.array(default))
+            return np.array(default)
+        if len(array) != len(default) or not np.isfinite(array).all():
+            expected = f"{len(default)} finite numbers"
+            found = " ".join(f"{v:g}" for v in array[:4])
+            self.broken(f"{self.who(node)} {field}: expected {expected}, found {len(array)}: {found}", node)
+            self.mend(node, field, np.array(default))
+            return np.array(default)
+        array = array.copy()
+        if field in _LENGTHS:
+            array *= self.length
+        elif kind == "SFRotation":
+            array = self._rotation(array, node, field)
+        return array
+
+    def _rotation(self, value: Floats, node: Node, field: str) -> Floats:
+        """The axis made a unit vector, the angle in radians; a zero axis means no rotation."""
+        size = float(np.linalg.norm(value[:3]))
+        value[3] *= self.angle
+        if size == 0:
+            if value[3] != 0:
+                self.defect("zero axis", f"{self.who(node)} {field}: axis 0 0 0 means no rotation", node)
+            return np.array([0.0, 0.0, 1.0, 0.0])
+        if abs(size - 1) > 1e-9:
+            value[:3] /= size
+        return value
+
+    def numbers(self, node: Node, field: str, kind: str = "MFFloat", width: int = 1) -> Floats:
+        """A many-valued field: shape (n,) for width 1, else (n, width). Non-finite numbers are refused.
+
+        In repair mode non-finite numbers become 0, as the places of the others must not shift.
+        """
+        before = self.repairs
+        array = self._numbers(node, field, kind)
+        if array is None:
+            return np.zeros(0 if width == 1 else (0, width))
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            if self.repairs == before:
+                at = f"{array[bad[0]]} at entry {int(bad[0]) // width}"
+                self.broken(f"{self.who(node)} {field}: expected finite numbers, found {at}", node)
+            array = np.where(np.isfinite(array), array, 0.0)
+        whole = len(array) // width * width
+        if whole < len(array):
+            self.broken(f"{self.who(node)} {field}: expected groups of {width} numbers, found {len(array)}", node)
+            array = array[:whole]
+        if self.repairs > before:
+            typed = array.astype(np.int32) if kind == "MFInt32" else array
+            self.mend(node, field, typed.reshape(-1, width) if width > 1 else typed)
+        if field in _LENGTHS and self.length != 1:
+            array = array * self.length
+        return array.reshape(-1, width) if width > 1 else array
+
+    def indices(self, node: Node, field: str) -> Ints:
+        """A many-valued integer field, shape (n,)."""
+        array = self.numbers(node, field, "MFInt32")
+        if array.size and float(np.abs(array).max()) > 2**31 - 1:
+            self.broken(
+                f"{self.who(node)} {field}: expected 32-bit integers, found {array[np.abs(array).argmax()]:.0f}"
+            )
+            array = np.clip(array, -1, 2**31 - 1)
+            self.mend(node, field, array.astype(np.int32))
+        return array.astype(np.int32)
+
+    def number(self, node: Node, field: str, default: float) -> float:
+        """A single number."""
+        array = self._numbers(node, field, "SFFloat")
+        if array is None or not len(array):
+            return default
+        if not np.isfinite(array[0]):
+            self.broken(f"{self.who(node)} {field}: expected a finite number, found {array[0]}", node)
+            self.mend(node, field, default)
+            return default
+        return float(array[0])
+
+    def flag(self, node: Node, field: str, default: bool) -> bool:
+        """TRUE or FALSE; anything else is refused."""
+        raw = self.raw(node, field)
+        if raw is None:
+            return default
+        try:
+            return bool(parse(raw, "SFBool", self.path)) if isinstance(raw, Literal) else bool(raw)
+        except FileError as error:
+            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            self.mend(node, field, default)
+            return default
+
+    def text(self, node: Node, field: str, default: str = "") -> str:
+        """A string."""
+        raw = self.raw(node, field)
+        if raw is None:
+            return default
+        return str(parse(raw, "SFString", self.path)) if isinstance(raw, Literal) else str(raw)
+
+    def texts(self, node: Node, field: str) -> list[str]:
+        """A list of strings; an unquoted one counts as a list of one."""
+        raw = self.raw(node, field)
+        if raw is None:
+            return []
+        value = parse(raw, "MFString", self.path) if isinstance(raw, Literal) else raw
+        return [value] if isinstance(value, str) else [str(v) for v in value]  # type: ignore[union-attr]
+
+    def who(self, node: Node) -> str:
+        """How messages call a node: its kind and its name or DEF."""
+        raw = node.fields.get("name")
+        name = ""
+        if isinstance(raw, Literal):
+            name = raw.text.strip().strip('"')
+        elif isinstance(raw, str):
+            name = raw
+        return f"{self.kind(node).lower() or node.type} {name or node.name}".strip()

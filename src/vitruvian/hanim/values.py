@@ -1,0 +1,394 @@
+"""Field values: source text to typed values and back, and between the two ways of writing them (XML, VRML).
+
+Typed values: bool, int, float, str, list of bool, list of str; SFVec3f and its kin float64 (n,), their MF forms
+float64 (k, n), MFFloat float64 (k,), MFInt32 int32 (k,). Units and frames are the file's own.
+Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRML97).
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.errors import FileError, VitruvianError, warn
+from vitruvian.hanim.graph import Literal, Node, Use
+
+_COLUMNS = {
+    **{f"Vec{n}{p}": n for n in (2, 3, 4) for p in "fd"},
+    **{f"Matrix{n}{p}": n * n for n in (3, 4) for p in "fd"},
+    "Rotation": 4,
+    "Color": 3,
+    "ColorRGBA": 4,
+    "Float": 1,
+    "Double": 1,
+    "Time": 1,
+}
+_DOUBLE = {"Double", "Time", *(t for t in _COLUMNS if t.endswith("d"))}
+_INTEGER = {"Int32", "Image"}
+
+_VRML_COMMENT = re.compile(r"#[^\n]*")
+_STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
+_ESCAPE = re.compile(r"\\(.)", re.DOTALL)
+_XML_ESCAPE = re.compile(r'\\(["\\])')
+_EXPONENT = re.compile(r"e([+-])0*(?=\d)")
+# What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
+_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+")
+_CHUNK = 1 << 20
+
+
+def parse(literal: Literal, type: str, path: object = "") -> object:
+    """The typed value of source text; NULL is None.
+
+    Raises FileError (path and line) when the text isn't a value of that type: a malformed number, one that isn't finite
+    or doesn't fit 32 bits, a count that doesn't fit the type.
+    """
+    many, base = type.startswith("MF"), type[2:]
+    if base in _COLUMNS or base in _INTEGER:
+        text = _numbers(literal, many)
+        if base in _INTEGER:
+            return _integers(literal, text, type, path)
+        return _floats(literal, text, type, path)
+    if base == "Bool":
+        return _booleans(literal, many, path)
+    if base == "String":
+        return _strings(literal, many, path)
+    if base == "Node":
+        if literal.text.strip(" \t\n,[]") in ("", "NULL"):
+            return None
+        raise FileError(path, literal.line, f"expected a node, found {_short(literal.text)}")
+    raise VitruvianError(f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
+
+
+def value(node: Node, field: str, type: str, default: object = None, path: object = "") -> object:
+    """The typed value of a node's field; `default` when the node doesn't give it. Errors as `parse`."""
+    found = node.fields.get(field)
+    if isinstance(found, Literal):
+        parsed = parse(found, type, path)
+        return default if parsed is None else parsed
+    if found is None or isinstance(found, Node | Use):
+        return default
+    return found
+
+
+def _short(text: str) -> str:
+    text = " ".join(text[:80].split())
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def _bare(literal: Literal) -> str:
+    """The text without VRML comments (never called for strings)."""
+    text = literal.text
+    return _VRML_COMMENT.sub("", text) if literal.syntax == "vrml" and "#" in text else text
+
+
+def _numbers(literal: Literal, many: bool) -> str:
+    text = _bare(literal)
+    if many and literal.syntax == "vrml":
+        text = text.strip()
+        if text.startswith("[") and text.endswith("]"):
+            text = text[1:-1]
+    return text.replace(",", " ")
+
+
+def _pieces(text: str) -> list[str]:
+    """The text in pieces of about a megabyte, cut at blanks, so that a long list needs little memory on the way."""
+    pieces, start = [], 0
+    while len(text) - start > _CHUNK:
+        end = start + _CHUNK
+        while end < len(text) and not text[end].isspace():
+            end += 1
+        pieces.append(text[start:end])
+        start = end
+    pieces.append(text[start:])
+    return pieces
+
+
+def _check_characters(literal: Literal, text: str, path: object) -> None:
+    """float() and int() take underscores and digits of other scripts; X3D doesn't."""
+    if "_" in text or not text.isascii():
+        bad = next(t for t in text.split() if "_" in t or not t.isascii())
+        raise _malformed(literal, bad, path, "a number")
+
+
+def _malformed(literal: Literal, token: str, path: object, expected: str) -> FileError:
+    return FileError(path, _line(literal, token), f"expected {expected}, found {_short(token)}")
+
+
+def _line(literal: Literal, token: str) -> int:
+    """The line of a token: VRML text keeps its line ends, an XML attribute doesn't."""
+    if literal.syntax != "vrml":
+        return literal.line
+    place = re.search(rf"(?<![^\s,\[]){re.escape(token)}(?![^\s,\]])", literal.text)
+    return literal.line + (literal.text.count("\n", 0, place.start()) if place else 0)
+
+
+def _floats(literal: Literal, text: str, type: str, path: object) -> object:
+    _check_characters(literal, text, path)
+    pieces = _pieces(text)
+    try:
+        if len(pieces) == 1:
+            array = np.array([float(t) for t in text.split()], np.float64)
+        else:
+            array = np.fromiter(map(float, chain.from_iterable(p.split() for p in pieces)), np.float64)
+    except ValueError:
+        bad = next(t for t in text.split() if not _is_number(t, float))
+        raise _malformed(literal, bad, path, "a number") from None
+    if not np.isfinite(array).all():
+        token = text.split()[int(np.argmin(np.isfinite(array)))]
+        raise _malformed(literal, token, path, "a finite number")
+    n = _COLUMNS[type[2:]]
+    if type.startswith("SF"):
+        if array.size != n:
+            raise FileError(path, literal.line, f"{type} is {n} numbers, found {array.size}")
+        return float(array[0]) if n == 1 else array
+    if array.size % n:
+        raise FileError(path, literal.line, f"{type} is groups of {n} numbers, found {array.size} numbers")
+    return array if n == 1 else array.reshape(-1, n)
+
+
+def _is_number(token: str, kind: type) -> bool:
+    try:
+        kind(token)
+    except ValueError:
+        return False
+    return True
+
+
+def _integer(token: str) -> int:
+    """Decimal, or hexadecimal with 0x."""
+    try:
+        return int(token)
+    except ValueError:
+        if token.lstrip("+-")[:2].lower() == "0x":
+            return int(token, 16)
+        raise
+
+
+def _integers(literal: Literal, text: str, type: str, path: object) -> object:
+    _check_characters(literal, text, path)
+    pieces = _pieces(text)
+    convert = _integer if "x" in text or "X" in text else int
+    try:
+        if len(pieces) == 1:
+            array = np.array([convert(t) for t in text.split()], np.int64)
+        else:
+            array = np.fromiter(map(convert, chain.from_iterable(p.split() for p in pieces)), np.int64)
+    except ValueError:
+        bad = next(t for t in text.split() if not _is_number(t, _integer))
+        raise _malformed(literal, bad, path, "a whole number") from None
+    except OverflowError:
+        bad = next(t for t in text.split() if abs(_integer(t)) >= 2**63)
+        raise _malformed(literal, bad, path, "a number that fits 32 bits") from None
+    if type[2:] == "Image":  # width, height, components, pixels of up to 4 bytes
+        return array
+    wide = (array < -(2**31)) | (array > (2**32 - 1 if convert is _integer else 2**31 - 1))
+    if wide.any():
+        raise _malformed(literal, text.split()[int(np.argmax(wide))], path, "a number that fits 32 bits")
+    if type == "MFInt32":
+        return array.astype(np.int32)
+    if array.size != 1:
+        raise FileError(path, literal.line, f"{type} is 1 number, found {array.size}")
+    return int(array[0])
+
+
+def _booleans(literal: Literal, many: bool, path: object) -> object:
+    words = _numbers(literal, many).split()
+    right = ("true", "false") if literal.syntax == "xml" else ("TRUE", "FALSE")
+    found = []
+    for word in words:
+        if word not in right:
+            if word.lower() not in ("true", "false"):
+                raise _malformed(literal, word, path, f"{right[0]} or {right[1]}")
+            warn(f"{path}:{literal.line}: {word} is taken for {word.upper() if right[0] == 'TRUE' else word.lower()}")
+        found.append(word.lower() == "true")
+    if many:
+        return found
+    if len(found) != 1:
+        raise FileError(path, literal.line, f"SFBool is one of {right[0]} and {right[1]}, found {_short(literal.text)}")
+    return found[0]
+
+
+def _strings(literal: Literal, many: bool, path: object) -> object:
+    text = literal.text
+    if literal.syntax == "xml":
+        if not many:
+            return _XML_ESCAPE.sub(r"\1", text) if "\\" in text else text
+        if not text.lstrip().startswith('"'):
+            return [text] if text.strip() else []  # a single string without its quotes
+        return _quoted(literal, text, 0, len(text), path)
+    start, end = 0, len(text)
+    stripped = text.strip()
+    if many and stripped.startswith("["):
+        if not stripped.endswith("]"):
+            raise FileError(path, literal.line, f"expected strings in brackets, found {_short(text)}")
+        start, end = text.index("[") + 1, text.rindex("]")
+    found = _quoted(literal, text, start, end, path)
+    if many:
+        return found
+    if len(found) != 1:
+        raise FileError(path, literal.line, f"SFString is one string in quotes, found {_short(text)}")
+    return found[0]
+
+
+def _quoted(literal: Literal, text: str, start: int, end: int, path: object) -> list[str]:
+    """All quoted strings of text[start:end]; blanks, commas and (VRML) comments between them."""
+    found: list[str] = []
+    gap = re.compile(r"(?:[\s,]++|#[^\n]*+)*+" if literal.syntax == "vrml" else r"[\s,]*+")
+    place = gap.match(text, start, end).end()  # type: ignore[union-attr]
+    while place < end:
+        string = _STRING.match(text, place, end)
+        if string is None:
+            line = literal.line + text.count("\n", 0, place)
+            raise FileError(path, line, f"expected a string in quotes, found {_short(text[place:end])}")
+        body = string[1]
+        found.append(_ESCAPE.sub(r"\1", body) if "\\" in body else body)
+        place = gap.match(text, string.end(), end).end()  # type: ignore[union-attr]
+    return found
+
+
+def quote(text: str) -> str:
+    """A string in quotes, as in MFString and in VRML."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def shortest(values: NDArray[np.float64]) -> list[str]:
+    """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
+    with np.errstate(over="ignore"):
+        single = np.asarray(values, np.float64).ravel().astype(np.float32)
+    if not np.isfinite(single).all():
+        raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
+    texts = _formatted(single, 6)
+    for digits in (7, 8, 9):
+        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single) if texts else []
+        if not len(wrong):
+            break
+        for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
+            texts[i] = text
+    return texts
+
+
+def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:
+    text = (f"%.{digits}g " * single.size) % tuple(single.tolist())
+    return (_EXPONENT.sub(_short_exponent, text) if "e" in text else text).split()
+
+
+def _short_exponent(match: re.Match[str]) -> str:
+    return "e-" if match[1] == "-" else "e"
+
+
+def _double(number: float) -> str:
+    if not np.isfinite(number):
+        raise VitruvianError("can't write a number that is not finite; look for NaN in the values")
+    text = repr(float(number))
+    text = text[:-2] if text.endswith(".0") else text
+    return _EXPONENT.sub(_short_exponent, text)
+
+
+def text_of(value: object, type: str, syntax: str) -> str:
+    """Source text ("xml" or "vrml") of a typed value.
+
+    `type` may be "" when nothing tells it; then numbers in an array of one dimension are written as a list when there
+    are more than four. Floats are the shortest text that reads back as the same float32 (float64 for double types).
+    """
+    if isinstance(value, Literal):
+        text = translate(value, type, syntax)
+        if text is None:
+            raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
+        return text
+    vrml, base = syntax == "vrml", type[2:]
+    if value is None:
+        return "NULL" if vrml else ""
+    if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
+        if isinstance(value, str) and type != "MFString":
+            return quote(value) if vrml else value.replace("\\", "\\\\")
+        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else value))  # type: ignore[union-attr]
+        return f"[ {strings} ]" if vrml else strings
+    many = type.startswith("MF") or (not type and (np.ndim(value) > 1 or np.size(value) > 4))
+    array = np.asarray(value)
+    if array.dtype == bool or base == "Bool":
+        words = ("FALSE", "TRUE") if vrml else ("false", "true")
+        rows = [" ".join(words[bool(v)] for v in array.ravel())]
+    elif base in _INTEGER or (not type and array.dtype.kind in "iu"):
+        rows = [" ".join(map(str, array.astype(np.int64).ravel().tolist()))]
+    else:
+        texts = [_double(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
+        n = _COLUMNS.get(base) or (array.shape[-1] if array.ndim > 1 else 1)
+        rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
+    text = (", " if vrml and len(rows) > 1 else " ").join(rows)
+    return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
+
+
+def default_of(type: str, syntax: str) -> str:
+    """The text of the value that a field of this type has when nobody gives one."""
+    base = type[2:]
+    if type.startswith("MF"):
+        return "[ ]" if syntax == "vrml" else ""
+    if base == "Node":
+        return "NULL" if syntax == "vrml" else ""
+    if base == "String":
+        return '""' if syntax == "vrml" else ""
+    if base == "Bool":
+        return "FALSE" if syntax == "vrml" else "false"
+    if base == "Rotation":
+        return "0 0 1 0"
+    if base.startswith("Matrix"):
+        return " ".join(str(int(i == j)) for i in range(int(base[6])) for j in range(int(base[6])))
+    return " ".join(["0"] * (3 if base == "Image" else _COLUMNS.get(base, 1)))
+
+
+def translate(literal: Literal, type: str, syntax: str) -> str | None:
+    """The text of a literal in the other syntax; None when it can't be said there.
+
+    With an unknown `type` ("") what the text looks like decides: numbers, booleans, strings in quotes, a plain string.
+    """
+    if literal.syntax == syntax:
+        return literal.text
+    base = type[2:]
+    if base == "Node":
+        return "NULL" if syntax == "vrml" and literal.text.strip() in ("", "NULL") else None
+    try:
+        if base == "String":
+            return text_of(parse(literal, type), type, syntax)
+        if syntax == "vrml":
+            return _to_vrml(literal, type)
+        return _to_xml(literal, type)
+    except FileError:
+        return None
+
+
+def _to_vrml(literal: Literal, type: str) -> str | None:
+    text = literal.text
+    words = text.split()
+    if words and all(w in ("true", "false", "TRUE", "FALSE") for w in words):
+        text = text.upper()
+    elif not _NUMBERS.fullmatch(text) or (not words and type[:2] != "MF"):
+        if type:
+            return None
+        if text.lstrip().startswith('"'):
+            return text_of(parse(literal, "MFString"), "MFString", "vrml")
+        return quote(_XML_ESCAPE.sub(r"\1", text))
+    many = type.startswith("MF") or (not type and len(words) > 4)
+    if not many:
+        return text
+    return f"[ {text} ]" if words else "[ ]"
+
+
+def _to_xml(literal: Literal, type: str) -> str | None:
+    text = literal.text.strip()
+    if not type and '"' in text:
+        many = text.startswith("[") or len(_STRING.findall(text)) > 1
+        type = "MFString" if many else "SFString"
+        return text_of(parse(literal, type), type, "xml")
+    if text == "NULL":
+        return None
+    text = _bare(literal).strip()
+    if text.startswith("[") and text.endswith("]"):
+        text = text[1:-1].strip()
+    text = " ".join(text.split())
+    words = text.replace(",", " ").split()
+    if words and all(w.lower() in ("true", "false") for w in words):
+        return text.lower()
+    return text

@@ -1,0 +1,153 @@
+"""The built-in person's skeleton: centres, ends, levels of articulation, joint limits, Sites and Segment masses."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from vitruvian.body.types import Floats, Ints, Weights
+from vitruvian.hanim import tables
+from vitruvian.hanim.humanoid import Joint, Segment, Site
+from vitruvian.modeling.source import POINTS, array, manifest
+
+DENSITY = 1050.0  # kg/m3, of the whole body
+FINGERS = {1: "thumb", 2: "index", 3: "middle", 4: "ring", 5: "pinky"}
+
+# Limits in degrees about X, Y, Z of the rest pose, left side; None is free. Ranges of motion of healthy adults, rounded
+# (American Academy of Orthopaedic Surgeons, Joint Motion, 1965). Flexion of hip and shoulder is negative about X.
+LIMITS: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
+    "l_hip": ((-120, 30), (-45, 45), (-30, 45)),
+    "l_knee": ((0, 140), (-10, 10), (-5, 5)),
+    "l_talocrural": ((-20, 50), (-15, 15), (-25, 25)),
+    "l_metatarsophalangeal_1": ((-70, 45), (-5, 5), (-10, 10)),
+    "l_metatarsophalangeal_2": ((-60, 40), (-5, 5), (-10, 10)),
+    "l_shoulder": ((-180, 60), (-90, 90), (-30, 180)),
+    "l_elbow": ((-150, 0), (-90, 90), (-5, 5)),
+    "l_radiocarpal": ((-30, 20), (-10, 10), (-80, 70)),
+    "l_eyeball_joint": ((-35, 35), (-45, 45), (0, 0.001)),
+    "temporomandibular": ((0, 30), (-8, 8), (-2, 2)),
+    "skullbase": ((-30, 30), (-45, 45), (-15, 15)),
+    "vl5": ((-15, 20), (-5, 5), (-10, 10)),
+}
+for _ray in (2, 3, 4, 5):
+    LIMITS[f"l_metacarpophalangeal_{_ray}"] = ((-20, 20), (-5, 5), (-90, 30))
+    LIMITS[f"l_carpal_proximal_interphalangeal_{_ray}"] = ((-3, 3), (-3, 3), (-110, 0))
+    LIMITS[f"l_carpal_distal_interphalangeal_{_ray}"] = ((-3, 3), (-3, 3), (-80, 5))
+
+
+@cache
+def names() -> tuple[str, ...]:
+    """The 146 joints in the order of the table."""
+    return tuple(tables.joints())
+
+
+@cache
+def parents() -> Ints:
+    """(146,) parent of each joint at LOA 4, -1 for the root."""
+    table = tables.joints()
+    place = {n: i for i, n in enumerate(table)}
+    return np.array([place.get(entry.parent or "", -1) for entry in table.values()], np.int32)
+
+
+def centers(points: Floats) -> Floats:
+    """(146,3) joint centres of a shaped person: linear in the ends of the source's bones (`points` beyond 19158)."""
+    return array("centres").astype(np.float64) @ points[POINTS:]
+
+
+def ends(points: Floats) -> dict[str, Floats]:
+    """Far ends of fingers, toes and skull by the joint of the last phalanx, and `skullbase`."""
+    bones = manifest()["bones"]
+    tails = points[POINTS + len(bones) :]
+    out = {"skullbase": tails[bones.index("head")]}
+    for side, dot in (("l_", ".L"), ("r_", ".R")):
+        out[side + "carpal_interphalangeal_1"] = tails[bones.index("finger1-3" + dot)]
+        out[side + "tarsal_interphalangeal_1"] = tails[bones.index("toe1-2" + dot)]
+        for ray in (2, 3, 4, 5):
+            out[f"{side}carpal_distal_interphalangeal_{ray}"] = tails[bones.index(f"finger{ray}-3{dot}")]
+            out[f"{side}tarsal_distal_interphalangeal_{ray}"] = tails[bones.index(f"toe{ray}-3{dot}")]
+    return out
+
+
+@cache
+def folded(loa: int) -> dict[str, str]:
+    """Joint of LOA 4 -> the joint that stands for it at a lower level: its nearest kept ancestor.
+
+    All toes follow the ball of the second ray, as the standard's figures of lower levels have only that one.
+    """
+    kept = set(tables.joints_at(loa))
+    table = tables.joints()
+    out = {}
+    for name in table:
+        at: str | None = name
+        if loa < 4 and name[:2] in ("l_", "r_") and name[2:-1] in ("metatarsophalangeal_", "tarsometatarsal_"):
+            at = name[:-1] + "2"
+        elif loa < 4 and name[2:].startswith("tarsal_"):
+            at = name if name in kept else f"{name[:2]}metatarsophalangeal_2"
+        while at is not None and at not in kept:
+            at = table[at].parent
+        out[name] = at or "humanoid_root"
+    return out
+
+
+def skeleton(loa: int, where: Floats) -> dict[str, Joint]:
+    """The joints of that level, linked into a tree, each with its Segment; `where` (146,3) are the centres at rest."""
+    place = {n: i for i, n in enumerate(names())}
+    segments = {entry.name: entry.segment for entry in tables.joints().values()}
+    found: dict[str, Joint] = {}
+    for name in names():
+        if folded(loa)[name] != name:
+            continue
+        joint = Joint(name, center=where[place[name]].copy())
+        joint.segments.append(Segment(segments[name]))
+        found[name] = joint
+        parent = tables.parent_at(name, loa)
+        if parent is not None:
+            found[parent].joints.append(joint)
+        mirrored = "l_" + name[2:] if name.startswith("r_") else name
+        if mirrored in LIMITS:
+            low, high = np.radians(np.array(LIMITS[mirrored], dtype=np.float64)).T
+            if name.startswith("r_"):  # the mirror image turns the other way about Y and Z
+                low, high = low * [1, 0, 0] - high * [0, 1, 1], high * [1, 0, 0] - low * [0, 1, 1]
+            joint.llimit, joint.ulimit = low, high
+    return found
+
+
+def add_masses(joints: dict[str, Joint], points: Floats, triangles: Ints, weights: Weights, loa: int) -> float:
+    """Set mass and centre of mass of every Segment and answer the whole mass, kg.
+
+    Each surface triangle with the centre of its strongest joint spans a tetrahedron that belongs to that joint; the sum
+    is scaled to the volume of the body times its density.
+    """
+    strongest = weights.top(1)[0][:, 0]
+    owner = strongest[triangles[:, 0]]
+    chosen = names()
+    at = folded(loa)
+    apex = np.array([joints[at[n]].center for n in chosen])[owner]
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    whole = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    volume = np.einsum("ij,ij->i", a - apex, np.cross(b - apex, c - apex)) / 6
+    middle = (a + b + c + apex) / 4
+    scale = whole * DENSITY / volume.sum()
+    groups = np.array([list(joints).index(at[n]) for n in chosen])[owner]
+    masses = np.bincount(groups, volume, len(joints)) * scale
+    moments = np.stack([np.bincount(groups, volume * middle[:, k], len(joints)) * scale for k in range(3)], 1)
+    for k, joint in enumerate(joints.values()):
+        if masses[k] > 1e-6:
+            joint.segments[0].mass = float(masses[k])
+            joint.segments[0].center_of_mass = moments[k] / masses[k]
+    return whole * DENSITY
+
+
+def add_sites(joints: dict[str, Joint], loa: int, places: dict[str, Floats], tips: dict[str, Floats]) -> None:
+    """Hang feature points (`places`: name -> position) and end effectors (`tips`: joint -> position) on Segments."""
+    at = folded(loa)
+    holder = {entry.segment: entry.name for entry in tables.joints().values()}
+    for name, point in tables.feature_points().items():
+        if name in places and point.segment in holder:
+            joint = joints[at[holder[point.segment]]]
+            joint.segments[0].sites.append(Site(f"{name}_pt", translation=places[name]))
+    for name, position in tips.items():
+        joint = joints[at[name]]
+        title = "skull_tip" if name == "skullbase" else tables.joints()[name].segment + "_tip"
+        joint.segments[0].sites.append(Site(title, translation=position))

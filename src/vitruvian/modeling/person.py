@@ -1,0 +1,262 @@
+"""The built-in person: an animatable H-Anim figure of any age, sex, size and build, dressed and with a face.
+
+Sources: the shape data is the CC0 pack described in NOTICE; names, hierarchy and rest pose follow ISO/IEC 19774.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from vitruvian.body.types import Floats, Ints, Weights
+from vitruvian.errors import VitruvianError
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
+from vitruvian.modeling import anatomy, source
+from vitruvian.modeling.look import LookPart, hidden_faces, look_parts, skin_colors
+from vitruvian.modeling.rest import at_rest, rest_matrices, rest_turns
+from vitruvian.modeling.shape import Shape as Sliders
+from vitruvian.modeling.shape import shaped
+
+HAND = 0.034  # metres from the thigh to the middle of a hand that hangs beside it
+LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """All points of a dressed person in the A pose: the body's first, then those of every part.
+
+    `parents` (points, 19158): the source points each takes weights and face movements from; rows sum to 1.
+    """
+
+    points: Floats
+    parents: csr_matrix
+    shapes: list[Shape]
+
+
+def person(
+    *,
+    gender: float = 0.5,
+    age: float = 25.0,
+    height: float | None = None,
+    weight: float = 0.5,
+    muscle: float = 0.5,
+    proportions: float = 0.5,
+    cup: float = 0.5,
+    firmness: float = 0.5,
+    origin: tuple[float, float, float] = (1 / 3, 1 / 3, 1 / 3),
+    details: dict[str, float] | None = None,
+    measures: dict[str, float] | None = None,
+    loa: int = 4,
+    name: str = "person",
+    seed: int = 0,
+    **look: Any,
+) -> Humanoid:
+    """A person in the standard's rest pose, seamless skin, H-Anim 2.0 names.
+
+    gender 0 female to 1 male; age in years, 10 to 90; height in metres (None: what the other values give); weight from
+    0 thin to 1 heavy, or kilograms when above 1; muscle, proportions, cup, firmness 0..1; origin weights of African,
+    Asian and European forms; details slider name -> -1..1; measures name -> metres, see `vitruvian.modeling.measure`;
+    loa 0..4. `look` goes to `vitruvian.modeling.look` (hair, outfit, hair_color, eye_color, tone, ...).
+    Raises VitruvianError for values outside their range; warns where wishes could not be met exactly.
+    """
+    if loa not in range(5):
+        raise VitruvianError(f"loa: expected 0..4, found {loa}")
+    kilograms = float(weight) if weight > 1 else None
+    sliders = Sliders(
+        gender=gender,
+        age=age,
+        muscle=muscle,
+        weight=0.5 if kilograms else weight,
+        proportions=proportions,
+        cup=cup,
+        firmness=firmness,
+        origin=origin,
+        details=dict(details or {}),
+    )
+    wishes = dict(measures or {})
+    if height is not None:
+        wishes["height"] = float(height)
+    if wishes or kilograms:
+        from vitruvian.modeling.measure import solved
+
+        sliders = solved(sliders, wishes, kilograms)
+    return humanoid_of(sliders, loa=loa, name=name, seed=seed, **look)
+
+
+def humanoid_of(sliders: Sliders, *, loa: int = 4, name: str = "person", seed: int = 0, **look: Any) -> Humanoid:
+    """The person of these sliders, without solving for measures."""
+    points = shaped(sliders)
+    assembly = assemble(points, sliders, seed=seed, **look)
+    where, centers, ends = rested(points, assembly)
+    weights = _weights(assembly.parents, loa)
+    joints = anatomy.skeleton(loa, centers)
+    body = slice(0, source.BODY)
+    mass = anatomy.add_masses(joints, where[body], source.array("triangles"), _weights(assembly.parents[body], 4), loa)
+    anatomy.add_sites(joints, loa, feature_places(where), ends)
+    by_joint = np.argsort(weights.joint, kind="stable")
+    bounds = np.searchsorted(weights.joint[by_joint], np.arange(len(joints) + 1))
+    for joint, a, b in zip(joints.values(), bounds, bounds[1:], strict=False):
+        joint.skin_coord_index = weights.vertex[by_joint[a:b]]
+        joint.skin_coord_weight = weights.weight[by_joint[a:b]]
+    top = joints["skullbase"] if "skullbase" in joints else joints["humanoid_root"]
+    top.displacers = face_displacers(assembly.parents)
+    stature = float(where[body, 1].max() - where[body, 1].min())
+    info = {
+        "age": f"{sliders.age:g}",
+        "gender": "female" if sliders.gender < 0.35 else "male" if sliders.gender > 0.65 else "neutral",
+        "height": f"{stature:.3f}",
+        "weight": f"{mass:.1f}",
+        "humanoidVersion": "2.0",
+    }
+    return Humanoid(
+        name=name,
+        version="2.0",
+        loa=loa,
+        info=info,
+        skeleton=[joints["humanoid_root"]],
+        skin=assembly.shapes,
+        skin_coord=where,
+    )
+
+
+def assemble(points: Floats, sliders: Sliders, *, seed: int = 0, **look: Any) -> Assembly:
+    """Body, eyes, hair and clothes of a shape, in the A pose."""
+    tone = look.pop("tone", 0.35)
+    outfit = look.get("outfit")
+    parts: list[LookPart] = look_parts(
+        points[: source.POINTS], gender=sliders.gender, age=sliders.age, seed=seed, **look
+    )
+    skin = skin_colors(points[: source.POINTS], tone=tone, gender=sliders.gender, age=sliders.age, seed=seed)
+    all_points = np.concatenate([points[: source.BODY], *(p.vertices for p in parts)])
+    colors = np.concatenate([skin, *(p.colors for p in parts)])
+    visible = ~hidden_faces(outfit)
+    shapes = [
+        Shape(
+            "skin",
+            source.array("triangles")[visible],
+            uv=source.array("uv").astype(np.float64),
+            uv_triangles=source.array("uv_triangles")[visible],
+            colors=colors,
+            material=Material("skin", color=tuple(skin.mean(axis=0)), roughness=0.55),
+        )
+    ]
+    rows, columns, values = [np.arange(source.BODY)], [np.arange(source.BODY)], [np.ones(source.BODY)]
+    start = source.BODY
+    for part in parts:
+        count = len(part.vertices)
+        rows.append(np.repeat(np.arange(start, start + count), part.parent_index.shape[1]))
+        columns.append(part.parent_index.ravel())
+        values.append(part.parent_weight.ravel())
+        material = Material(part.name, part.color, part.roughness, opacity=part.opacity, double_sided=part.double_sided)
+        shapes.append(Shape(part.name, (part.triangles + start).astype(np.int32), colors=colors, material=material))
+        start += count
+    parents = csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (start, source.POINTS)
+    )
+    return Assembly(all_points, parents, shapes)
+
+
+@cache
+def _weight_matrix() -> csr_matrix:
+    """(19158, 146) weights at LOA 4; teeth and eyes ride on their joint, points without weights on the skull."""
+    w = source.weights()
+    matrix = csr_matrix((w.weight, w.joint, w.row), (source.POINTS, len(anatomy.names()))).tolil()
+    skull = anatomy.names().index("skullbase")
+    empty = np.flatnonzero(w.counts == 0)
+    matrix[empty, skull] = 1.0
+    return matrix.tocsr()
+
+
+@cache
+def _folding(loa: int) -> csr_matrix:
+    """(146, kept joints) 0-1 matrix that carries weights to a lower level of articulation."""
+    kept = [n for n in anatomy.names() if anatomy.folded(loa)[n] == n]
+    columns = [kept.index(anatomy.folded(loa)[n]) for n in anatomy.names()]
+    size = len(columns)
+    return csr_matrix((np.ones(size), (np.arange(size), columns)), (size, len(kept)))
+
+
+def _weights(parents: csr_matrix, loa: int) -> Weights:
+    product = (parents @ _weight_matrix() @ _folding(loa)).tocsr()
+    product.sort_indices()
+    sums = np.asarray(product.sum(axis=1)).ravel()
+    values = product.data / np.repeat(sums, np.diff(product.indptr))
+    return Weights(product.indptr, product.indices, values)
+
+
+def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Points (n,3), joint centres (146,3) and bone ends in the rest pose: soles at Y = 0, centroid on the Y axis."""
+    centers = anatomy.centers(points)
+    ends = anatomy.ends(points)
+    names, parents = anatomy.names(), anatomy.parents()
+    weights = _weights(assembly.parents, 4)
+    # The arms need to know how wide the hips come out; the hips do not need the arms.
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0))
+    width = _hip_width(assembly, centers, matrices, weights)
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND))
+    where, middle = at_rest(names, parents, centers, assembly.points, weights, matrices)
+    place = {n: i for i, n in enumerate(names)}
+    moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
+    body = where[: source.BODY]
+    shift = -np.array([0.0, where[:, 1].min(), _centroid(body, source.array("triangles"))[2]])
+    return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
+
+
+def _hip_width(assembly: Assembly, centers: Floats, matrices: Floats, weights: Weights) -> float:
+    """How far the left thigh and hip reach from the middle plane at the height of the hands at rest, clothes included."""
+    names = anatomy.names()
+    hip = names.index("l_hip")
+    share = np.zeros(len(weights))
+    near = np.isin(weights.joint, [hip, names.index("sacroiliac"), names.index("humanoid_root")])
+    np.add.at(share, weights.vertex[near], weights.weight[near])
+    chosen = assembly.points[share > 0.8]
+    chosen = chosen @ matrices[hip, :3, :3].T + matrices[hip, :3, 3]
+    wrist, tip = (names.index(n) for n in ("l_radiocarpal", "l_carpal_distal_interphalangeal_3"))
+    heights = [matrices[j, 1, :3] @ centers[j] + matrices[j, 1, 3] for j in (tip, wrist)]
+    level = (chosen[:, 1] > heights[0] - 0.03) & (chosen[:, 1] < heights[1] + 0.03)
+    return float(chosen[level, 0].max()) if level.any() else 0.0
+
+
+def _centroid(points: Floats, triangles: Ints) -> Floats:
+    """Centroid of the volume inside a closed surface."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return ((a + b + c) * volume[:, None]).sum(axis=0) / (4 * volume.sum())
+
+
+def face_displacers(parents: csr_matrix) -> list[Displacer]:
+    """The 52 face units as Displacers of the skull; the names carry the standard's suffix `_action`."""
+    out = []
+    for unit in sorted(source.manifest()["faces"]):
+        index, offset = source.target(unit, "faces")
+        field = np.zeros((source.POINTS, 3))
+        field[index] = offset
+        moved = parents @ field
+        chosen = np.flatnonzero(np.abs(moved).max(axis=1) > LEAST_MOVE).astype(np.int32)
+        out.append(Displacer(action_name(unit), chosen, moved[chosen]))
+    return out
+
+
+def action_name(unit: str) -> str:
+    """ARKit's name of a face unit as a Displacer name: `browDownLeft` -> `l_brow_down_action`."""
+    side = "l_" if unit.endswith("Left") and unit != "mouthLeft" and unit != "jawLeft" else ""
+    side = "r_" if unit.endswith("Right") and unit != "mouthRight" and unit != "jawRight" else side
+    stem = unit.removesuffix("Left").removesuffix("Right") if side else unit
+    return side + "".join("_" + c.lower() if c.isupper() else c for c in stem) + "_action"
+
+
+def unit_name(action: str) -> str:
+    """The inverse of `action_name`."""
+    stem = action.removesuffix("_action")
+    side = {"l_": "Left", "r_": "Right"}.get(stem[:2], "")
+    first, *rest = (stem[2:] if side else stem).split("_")
+    return first + "".join(w.capitalize() for w in rest) + side
+
+
+def feature_places(where: Floats) -> dict[str, Floats]:
+    """Feature point name -> position on this body: the vertices chosen in the pack."""
+    return {name: where[vertex] for name, vertex in source.feature_vertices().items()}

@@ -1,0 +1,126 @@
+"""From the source's A pose to the rest pose of the standard: forearms, hands and fingers along -Y, palms to the thighs,
+thumbs 45 degrees forward, legs straight down, toes forward, every joint rotation zero.
+
+The upper arms are tilted outward just as far as the hands need to clear the thighs (arms that hang exactly along -Y
+from these shoulders would stand inside the hips).
+
+Method: each bone's present direction is turned onto its direction at rest by the smallest rotation, the twist of the
+arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows with the log
+operator. The attachment is then taken in the new pose (H-Anim "Modelisation"; seed 003, section 3.2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vitruvian.body import rotations as rot
+from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights
+from vitruvian.deform.deformer import deformer
+
+DOWN = np.array([0.0, -1.0, 0.0])
+THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
+MOST_TILT = 0.25  # sine of the largest tilt of an upper arm
+FORWARD = np.array([0.0, 0.0, 1.0])
+
+
+def _unit(v: Floats) -> Floats:
+    return v / max(float(np.linalg.norm(v)), 1e-12)
+
+
+def _about_y(angle: float) -> Floats:
+    return np.array([0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)])
+
+
+def _twist_to(direction: Floats, wanted: Floats) -> float:
+    """Angle about Y that turns the horizontal part of `direction` onto that of `wanted`; 0 where there is none."""
+    if np.hypot(direction[0], direction[2]) < 0.05:
+        return 0.0
+    angle = np.arctan2(direction[0], direction[2]) - np.arctan2(wanted[0], wanted[2])
+    return float(-((angle + np.pi) % (2 * np.pi) - np.pi))
+
+
+def rest_turns(
+    names: tuple[str, ...], parents: Ints, centers: Floats, tips: dict[str, Floats], hip_width: float
+) -> Floats:
+    """(J,4) world rotation of every joint that brings the A pose to rest.
+
+    `tips` gives the far end of the last phalanges, by joint name; `hip_width` (m) is how far from the middle plane the
+    hands must hang to clear the hips.
+    """
+    index = {n: i for i, n in enumerate(names)}
+    turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
+    for i, name in enumerate(names):
+        if parents[i] >= 0:
+            turn[i] = turn[parents[i]]
+        side, _, part = name.partition("_")
+        if side not in ("l", "r"):
+            continue
+
+        def along(other: str, i: int = i, side: str = side) -> Floats:
+            end = tips[other] if other in tips else centers[index[f"{side}_{other}"]]
+            return _unit(end - centers[i])
+
+        def swing(direction: Floats, wanted: Floats, i: int = i) -> None:
+            now = rot.rotate(turn[i], direction)
+            turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
+
+        if part == "shoulder":
+            length = float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i]))
+            tilt = np.arcsin(np.clip((hip_width - abs(centers[i, 0])) / length, 0.0, MOST_TILT))
+            outward = np.sin(tilt) * (1 if side == "l" else -1)
+            swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
+            forearm = _unit(centers[index[f"{side}_radiocarpal"]] - centers[index[f"{side}_elbow"]])
+            bent = rot.rotate(turn[i], forearm)
+            twist = float(np.clip(_twist_to(bent, FORWARD), -1.0, 1.0))
+            turn[i] = rot.multiply(_about_y(twist), turn[i])
+        elif part == "elbow":
+            swing(along("radiocarpal"), DOWN)
+            turn[i] = rot.multiply(_about_y(0.7 * _palm(side, centers, index, turn[i])), turn[i])
+        elif part == "radiocarpal":
+            swing(along("metacarpophalangeal_3"), DOWN)
+            turn[i] = rot.multiply(_about_y(_palm(side, centers, index, turn[i])), turn[i])
+        elif part in ("hip", "knee"):
+            swing(along("knee" if part == "hip" else "talocrural"), DOWN)
+        elif part == "talocrural":
+            foot = along("metatarsophalangeal_2")
+            turn[i] = _about_y(-float(np.arctan2(foot[0], foot[2])))
+        elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
+            nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
+            swing(along(nexts.get(part, name)), THUMB)
+        elif part.startswith(("metacarpophalangeal", "carpal_")):
+            ray = part[-1]
+            order = ["metacarpophalangeal", "carpal_proximal_interphalangeal", "carpal_distal_interphalangeal"]
+            at = order.index(part[:-2])
+            swing(along(f"{order[at + 1]}_{ray}" if at < 2 else name), DOWN)
+    return turn
+
+
+def _palm(side: str, centers: Floats, index: dict[str, int], turn: Floats) -> float:
+    """Twist about Y that makes the palm face the thigh."""
+    wrist = centers[index[f"{side}_radiocarpal"]]
+    first, last = (centers[index[f"{side}_metacarpophalangeal_{n}"]] - wrist for n in (2, 5))
+    normal = _unit(np.cross(first, last)) * (1 if side == "r" else -1)  # out of the palm
+    inward = np.array([1.0 if side == "r" else -1.0, 0.0, 0.0])
+    return _twist_to(rot.rotate(turn, normal), inward)
+
+
+def rest_matrices(parents: Ints, centers: Floats, turns: Floats) -> Floats:
+    """(J,4,4) humanoid-space matrices that take the A pose to rest."""
+    matrices = np.tile(np.eye(4), (len(centers), 1, 1))
+    matrices[:, :3, :3] = rot.to_matrix(turns)
+    for i, parent in enumerate(parents):
+        c = centers[i]
+        at = c if parent < 0 else matrices[parent, :3, :3] @ c + matrices[parent, :3, 3]
+        matrices[i, :3, 3] = at - matrices[i, :3, :3] @ c
+    return matrices
+
+
+def at_rest(
+    names: tuple[str, ...], parents: Ints, centers: Floats, points: Floats, weights: Weights, matrices: Floats
+) -> tuple[Floats, Floats]:
+    """Points (n,3) and joint centres (J,3) after `matrices`, the points moved with the log operator."""
+    nothing = np.zeros((0, 3), np.int32)
+    body = Body("person", Skeleton(names, parents, centers), Skin(points, nothing, weights))
+    moved = deformer("log", body)(matrices[None])[0].astype(np.float64)
+    homogeneous = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
+    return moved, homogeneous

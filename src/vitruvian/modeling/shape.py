@@ -1,0 +1,116 @@
+"""Sliders of the built-in person: from age, sex, muscle, weight, height to a shape.
+
+A shape is `base + sum factor * target`; the factor of a target is the product of the factors of the words in its name.
+Source: the macro parameters of the MakeHuman data, whose families and age ranges are in the names of its files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+
+from vitruvian.body.types import Floats
+from vitruvian.errors import VitruvianError, warn
+from vitruvian.modeling.source import manifest, points, target
+
+ORIGINS = ("african", "asian", "caucasian")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Slider values. gender 0 female to 1 male, age in years 10..90, the others 0..1; details name -> -1..1."""
+
+    gender: float = 0.5
+    age: float = 25.0
+    muscle: float = 0.5
+    weight: float = 0.5
+    height: float = 0.5
+    proportions: float = 0.5
+    cup: float = 0.5
+    firmness: float = 0.5
+    origin: tuple[float, float, float] = (1 / 3, 1 / 3, 1 / 3)
+    details: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("gender", "muscle", "weight", "height", "proportions", "cup", "firmness"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1:
+                raise VitruvianError(f"{name}: expected a number in 0..1, found {value}")
+        if not np.isfinite(self.age) or self.age <= 0:
+            raise VitruvianError(f"age: expected years in 10..90, found {self.age}")
+        if not 10 <= self.age <= 90:
+            nearest = min(max(self.age, 10.0), 90.0)
+            warn(f"age: the pack holds people of 10 to 90 years; {self.age:g} is taken for {nearest:g}")
+            object.__setattr__(self, "age", nearest)
+        total = sum(self.origin)
+        if len(self.origin) != 3 or min(self.origin) < 0 or total <= 0:
+            raise VitruvianError(f"origin: expected three numbers >= 0 with a positive sum, found {self.origin}")
+        object.__setattr__(self, "origin", tuple(o / total for o in self.origin))
+
+
+def _thirds(name: str, value: float) -> dict[str, float]:
+    """Factors of the words min..., average..., max... of a slider."""
+    most, least = max(0.0, 2 * value - 1), max(0.0, 1 - 2 * value)
+    return {f"min{name}": least, f"max{name}": most, f"average{name}": 1 - most - least}
+
+
+def word_factors(shape: Shape) -> dict[str, float]:
+    """Factor of every word that may stand in the name of a macro target."""
+    years = shape.age
+    a = (years - 1) / 48 if years < 25 else 0.5 + (years - 25) / 130
+    if a < 0.5:
+        young = max(0.0, 3.2 * (a - 0.1875))
+        child = max(0.0, min(1.0, 5.333 * a) - young)
+        old = 0.0
+    else:
+        old = 2 * a - 1
+        young, child = 1 - old, 0.0
+    words = {"universal": 1.0, "female": 1 - shape.gender, "male": shape.gender}
+    words |= {"child": child, "young": young, "old": old}
+    words |= dict(zip(ORIGINS, shape.origin, strict=True))
+    for name in ("muscle", "weight", "height", "cup", "firmness"):
+        words |= _thirds(name, getattr(shape, name))
+    ideal = _thirds("proportions", shape.proportions)
+    words["idealproportions"], words["uncommonproportions"] = ideal["maxproportions"], ideal["minproportions"]
+    return words
+
+
+@cache
+def _macros() -> dict[str, tuple[str, ...]]:
+    """Macro targets: name -> its words."""
+    known = set(word_factors(Shape()))
+    split = {name: tuple(name.split("-")) for name in manifest()["targets"]}
+    return {name: words for name, words in split.items() if known.issuperset(words)}
+
+
+def details() -> list[str]:
+    """Names of the detail sliders: pairs of targets that differ in their last word, such as `measure-waist-circ`."""
+    names = {n.rsplit("-", 1)[0] for n in manifest()["targets"] if n not in _macros() and n.endswith(("decr", "incr"))}
+    return sorted(names)
+
+
+def factors(shape: Shape) -> dict[str, float]:
+    """Target name -> factor, of those that are not zero."""
+    words = word_factors(shape)
+    found = {}
+    for name, parts in _macros().items():
+        value = float(np.prod([words[p] for p in parts]))
+        if value:
+            found[name] = value
+    for name, value in shape.details.items():
+        if f"{name}-incr" not in manifest()["targets"]:
+            raise VitruvianError(f"{name}: no such detail; there are {', '.join(details()[:6])} ...")
+        if value:
+            found[f"{name}-{'incr' if value > 0 else 'decr'}"] = abs(value)
+    return found
+
+
+def shaped(shape: Shape) -> Floats:
+    """(19158 + 326, 3) points of that shape in the source's A pose, metres; soles at the height they come out at."""
+    out = points().copy()
+    for name, factor in factors(shape).items():
+        index, offset = target(name)
+        out[index] += factor * offset
+    return out

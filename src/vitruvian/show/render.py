@@ -1,0 +1,257 @@
+"""Surfaces, a camera and a studio become pixels.
+
+Primary visibility at every sub-pixel; soft key shadow and ambient occlusion once per pixel, from sixteen complementary
+sets of directions that an edge-aware 4 x 4 mean puts together. Pixels that lie inside one smooth surface are shaded
+once, with the mean of their samples; edges are shaded sample by sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.errors import VitruvianError
+from vitruvian.show.backdrop import dither, paper, shadow
+from vitruvian.show.camera import Camera
+from vitruvian.show.shade import Samples, Studio, dot, shade, to_srgb
+from vitruvian.show.surfaces import Soup, Surface, unit
+from vitruvian.show.trace import Hits, Single, Tracer, tile, tracer
+
+Pixels = NDArray[np.uint8]
+CALM = 0.995  # length of the mean of a pixel's normals above which they count as one
+
+
+def _offsets(samples: int) -> list[tuple[float, float]]:
+    """Sub-pixel positions: a rotated grid."""
+    side = round(samples**0.5) if 1 <= samples <= 64 else 0
+    if side < 1 or side * side != samples:
+        raise VitruvianError(f"samples: expected 1, 4, 9 or 16, found {samples}")
+    if side == 1:
+        return [(0.5, 0.5)]
+    at = (np.arange(side) + 0.5) / side
+    slant = (np.arange(side) - (side - 1) / 2) / side**2
+    return [(float(at[i] + slant[j]), float(at[j] - slant[i])) for j in range(side) for i in range(side)]
+
+
+def whole(size: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) as integers in 1..16384; raises `VitruvianError`."""
+    width, height = (int(n) for n in size)
+    if not (0 < width <= 16384 and 0 < height <= 16384):
+        raise VitruvianError(f"size: expected two numbers in 1..16384, found {size}")
+    return width, height
+
+
+def render(
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    size: tuple[int, int],
+    *,
+    samples: int = 4,
+    studio: Studio | None = None,
+    transparent: bool = False,
+    floor: float | None = 0.0,
+    tracing: str = "auto",
+    quality: int = 6,
+) -> Pixels:
+    """A picture (height, width, 3) uint8 sRGB, or (.., 4) with straight alpha when `transparent`.
+
+    size: (width, height) pixels. samples: 1, 4, 9 or 16 per pixel. floor: its height in metres, None for none.
+    quality: directions per pixel for ambient light and for the key's soft shadow (times sixteen after the mean).
+    tracing: "auto", "embree" or "numpy". Raises `VitruvianError` for an empty size or no surface.
+    """
+    size = whole(size)
+    if not surfaces or not any(len(s.triangles) for s in surfaces):
+        raise VitruvianError("picture: there is nothing to see, expected at least one triangle")
+    points = np.concatenate([s.vertices for s in surfaces])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = (low + high) / 2  # rays are float32: everything is near the origin
+    soup = Soup(surfaces, middle)
+    camera = camera.moved(-middle)
+    back = camera.axes()[2]
+    heading = float(np.degrees(np.arctan2(back[0], back[2])))
+    opaque = soup.opacity[soup.part] > 0.999
+    solid = tracer(soup.vertices, soup.triangles[opaque], tracing)
+    shot = Shot(
+        soup, solid, camera, size, studio or Studio(), heading, float(np.linalg.norm(high - low)), samples, quality
+    )
+    shot.take(np.flatnonzero(opaque), np.flatnonzero(~opaque), tracing)
+    color, cover = shot.color, shot.cover
+    dark = np.ones(len(cover), np.float32)
+    if floor is not None:
+        level = float(floor - middle[1])
+        dark = shadow(solid, soup.vertices, camera, size, shot.studio, heading, level, shot.reach)
+    if transparent:
+        alpha = cover + (1 - cover) * (1 - dark)
+        rgb = to_srgb(color / np.maximum(alpha, 1e-6)[:, None])
+        out = np.concatenate([rgb, alpha[:, None]], -1)
+    else:
+        scene = paper(size, shot.studio) * dark[:, None]
+        out = to_srgb(color + scene * (1 - cover)[:, None])
+        out += dither(*size)[:, None] / 255
+    return (np.clip(out, 0, 1) * 255 + 0.5).astype(np.uint8).reshape(size[1], size[0], -1)
+
+
+@dataclass(eq=False)
+class Shot:
+    """One exposure: what is needed to shade, and the film it falls on (`color` linear, premultiplied; `cover`)."""
+
+    soup: Soup
+    solid: Tracer
+    camera: Camera
+    size: tuple[int, int]
+    studio: Studio
+    heading: float
+    reach: float
+    samples: int
+    quality: int
+
+    def __post_init__(self) -> None:
+        self.count = self.size[0] * self.size[1]
+        self.color = np.zeros((self.count, 3), np.float32)
+        self.cover = np.zeros(self.count, np.float32)
+
+    def take(self, opaque: NDArray, glass: NDArray, tracing: str) -> None:
+        """Trace and shade; see-through triangles (one layer) go over the solid ones."""
+        offsets = _offsets(self.samples)
+        hits = self._trace(self.solid, offsets, opaque)
+        share = np.full(len(hits.pixel), 1 / self.samples, np.float32)
+        if glass.size:
+            panes = self._trace(tracer(self.soup.vertices, self.soup.triangles[glass], tracing), offsets, glass)
+            behind = np.full(self.count * self.samples, -1, np.int64)
+            behind[hits.pixel] = np.arange(len(hits.pixel))
+            far = np.full(self.count * self.samples, np.inf, np.float32)
+            far[hits.pixel] = hits.depth
+            panes = panes[panes.depth < far[panes.pixel]]
+            at = behind[panes.pixel]
+            opacity = self.soup.opacity[self.soup.part[panes.triangle]]
+            share[at[at >= 0]] *= 1 - opacity[at >= 0]
+            self._lay(panes, opacity / self.samples)
+        self._lay(hits, share)
+
+    def _trace(self, rays: Tracer, offsets: list[tuple[float, float]], names: NDArray) -> Hits:
+        """All samples of the picture in one list; `pixel` counts on through the sub-pixel patterns."""
+        parts: list[Hits] = []
+        among = None
+        for i, offset in enumerate(offsets):
+            h = rays.visible(self.camera, self.size, offset, among)
+            if i == 0:  # the other samples are looked for only round the pixels that saw something
+                near = np.zeros(self.size[::-1], bool)
+                near.reshape(-1)[h.pixel] = True
+                for axis in (0, 1):
+                    near |= _shifted(near, 1, axis) | _shifted(near, -1, axis)
+                among = np.flatnonzero(near)
+            parts.append(Hits(h.pixel + i * self.count, names[h.triangle].astype(np.int32), h.u, h.v, h.depth))
+        return Hits.join(parts)
+
+    def _lay(self, hits: Hits, share: Single) -> None:
+        """Shade samples and add them to the picture."""
+        if not len(hits.pixel):
+            return
+        order = np.argsort(hits.pixel % self.count, kind="stable")
+        hits, share = hits[order], share[order]
+        pixel, soup = hits.pixel % self.count, self.soup
+        first = np.flatnonzero(np.diff(pixel, prepend=-1))  # where the samples of each pixel begin
+        group = np.repeat(np.arange(len(first)), np.diff(first, append=len(pixel)))
+        corners = soup.corners[hits.triangle]
+        u, v = hits.u[:, None], hits.v[:, None]
+        mixed = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
+        face = soup.faces[hits.triangle]
+        part = soup.part[hits.triangle]
+        eye = np.asarray(self.camera.eye, np.float32)
+        # surfaces seen from behind are lit from behind
+        away = dot(face, eye - mixed[:, :3]) < 0
+        face = np.where(away[:, None], -face, face)
+        mixed[:, 3:6], mixed[:, 6:9] = unit(mixed[:, 3:6]), unit(mixed[:, 6:9])
+        mixed[away, 3:9] *= -1
+
+        start = _above(mixed[first, :3], corners[first], hits.u[first], hits.v[first], away[first])
+        start += face[first] * np.float32(1.5e-4 * self.reach)
+        sky, lit = self._light(start, mixed[first, 3:6], pixel[first])
+
+        # one surface all over the pixel: one sample, the mean
+        full = np.diff(first, append=len(pixel)) == self.samples
+        mean = np.add.reduceat(mixed, first, axis=0) / np.float32(self.samples)
+        same = np.minimum.reduceat(part, first) == np.maximum.reduceat(part, first)
+        calm = full & same & (dot(mean[:, 3:6], mean[:, 3:6]) > CALM**2)
+        busy = np.flatnonzero(~calm[group])
+        calm = np.flatnonzero(calm)
+        owner = np.concatenate([calm, group[busy]])
+        mixed = np.concatenate([mean[calm], mixed[busy]])
+        part = np.concatenate([part[first[calm]], part[busy]])
+        share = np.concatenate([np.add.reduceat(share, first)[calm], share[busy]])
+
+        point, normal, soft, albedo, rest = (mixed[:, i : i + 3] for i in range(0, 15, 3))
+        view = unit(eye - point)
+        lack = np.minimum(dot(normal, view) - 0.02, 0)  # grazing smooth normals are bent back into view
+        normal = unit(normal - lack[:, None] * view)
+        s = Samples(
+            normal, unit(soft), view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
+            soup.metallic[part], sky[owner], lit[owner],
+        )  # fmt: skip
+        light = shade(s, self.studio, self.heading) * share[:, None]
+        where = pixel[first[owner]]
+        for i in range(3):
+            self.color[:, i] += np.bincount(where, light[:, i], minlength=self.count).astype(np.float32)
+        self.cover += np.bincount(where, share, minlength=self.count).astype(np.float32)
+
+    def _light(self, start: Single, normal: Single, pixel: NDArray) -> tuple[Single, Single]:
+        """Open sky and key light (n,) at points just above the surface, one per pixel (increasing)."""
+        row = tile(pixel, self.size[0])
+        key = self.studio.key.towards(self.heading)
+        both = np.zeros((len(pixel), 2), np.float32)
+        both[:, 0] = self.solid.ambient(start, normal, row, self.quality)
+        facing = np.flatnonzero(dot(normal, key) > -0.35)
+        both[facing, 1] = self.solid.light(start[facing], key, self.studio.key.radius, row[facing], self.quality)
+        place = np.full(self.count, -1, np.int32)
+        place[pixel] = np.arange(len(pixel), dtype=np.int32)
+        both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, 0.004 * self.reach)
+        return both[:, 0], both[:, 1]
+
+
+def _shifted(mask: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:
+    """The mask moved one way along an axis, nothing comes in at the edge."""
+    out = np.roll(mask, by, axis)
+    (out if axis == 0 else out.T)[0 if by > 0 else -1] = False
+    return out
+
+
+def _above(point: Single, corners: Single, u: Single, v: Single, away: NDArray) -> Single:
+    """Points lifted to the smooth surface that the normals describe, against faceted edges of shadows.
+
+    Source: Hanika, Hacking the Shadow Terminator, Ray Tracing Gems II, 2021.
+    """
+    lifted = point.copy()
+    sign = np.where(away, np.float32(-1), np.float32(1))
+    for i, share in enumerate((1 - u - v, u, v)):
+        normal = corners[:, i, 3:6]
+        depth = np.minimum(dot(point - corners[:, i, :3], normal) * sign, 0) * sign
+        lifted -= (share * depth)[:, None] * normal
+    return lifted
+
+
+def _smooth(value: Single, place: NDArray, pixel: NDArray, point: Single, normal: Single, thick: float) -> Single:
+    """Mean of value (n,k) over the 4 x 4 block of pixels round each that lie on the same surface.
+
+    place (height, width): which of the n each pixel is, or -1.
+    """
+    height, width = place.shape
+    around = np.full((height + 3, width + 3), -1, np.int32)
+    around[2:-1, 2:-1] = place
+    around = around.reshape(-1)
+    at = (pixel // width) * (width + 3) + pixel % width
+    level = dot(point, normal)
+    both = np.concatenate([point, normal, value], -1)
+    total, weight = np.zeros_like(value), np.zeros(len(value), np.float32)
+    for dy in range(4):
+        for dx in range(4):
+            j = around[at + dy * (width + 3) + dx]
+            other = both[j]
+            apart = np.abs(dot(other[:, :3], normal) - level)
+            good = (j >= 0) & (apart < thick) & (dot(other[:, 3:6], normal) > 0.75)
+            w = good.astype(np.float32)
+            total += other[:, 6:] * w[:, None]
+            weight += w
+    return total / np.maximum(weight, 1)[:, None]

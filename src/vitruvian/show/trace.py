@@ -1,0 +1,190 @@
+"""What a ray meets: Intel Embree (PyPI `embreex`), with the NumPy twin of `raster.py` when it is missing.
+
+A tracer is built from float32 vertices (V,3) near the origin and int32 triangles (T,3). Both kinds answer:
+`visible(camera, size, offset, among)`: the nearest surface at one sub-pixel place of every pixel (or of those in
+`among`, row-major indices);
+`ambient(points, normals, row, count)` and `light(points, direction, radius, row, count)`: shares of open sky and of a
+round light, each (n,) in 0..1. `row` (n,) in 0..15 picks one of sixteen fixed, complementary sets of directions, so
+that the mean of a 4 x 4 block of neighbours has sixteen times as many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.errors import warn
+from vitruvian.show.camera import Camera
+
+Single = NDArray[np.float32]
+Ints = NDArray[np.int32]
+Pixels = NDArray[np.int64]
+ROWS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Pixels that see something: pixel (n,) row-major index, triangle (n,), barycentric u, v (n,), depth (n,).
+
+    A point of triangle (a, b, c) is (1-u-v) a + u b + v c; depth is measured along the viewing axis.
+    """
+
+    pixel: NDArray[np.int64]
+    triangle: Ints
+    u: Single
+    v: Single
+    depth: Single
+
+    def __getitem__(self, some: object) -> Hits:
+        return Hits(*(getattr(self, n)[some] for n in Hits.__dataclass_fields__))
+
+    @staticmethod
+    def join(parts: list[Hits]) -> Hits:
+        return Hits(*(np.concatenate([getattr(p, n) for p in parts]) for n in Hits.__dataclass_fields__))
+
+
+class Tracer(Protocol):
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], among: Pixels | None = None
+    ) -> Hits: ...
+
+    def ambient(self, points: Single, normals: Single, row: Ints, count: int) -> Single: ...
+
+    def light(self, points: Single, direction: Single, radius: float, row: Ints, count: int) -> Single: ...
+
+
+_warned = False
+
+
+def tracer(vertices: Single, triangles: Ints, kind: str = "auto") -> Tracer:
+    """A tracer of these triangles. kind: "auto", "embree" or "numpy"."""
+    global _warned
+    if kind != "numpy":
+        try:
+            return Embree(vertices, triangles)
+        except ImportError:
+            if kind == "embree":
+                raise
+            if not _warned:
+                warn("embreex is not installed, pictures are drawn by the slower NumPy renderer: pip install embreex")
+                _warned = True
+    from vitruvian.show.raster import Raster
+
+    return Raster(vertices, triangles)
+
+
+def window(camera: Camera, size: tuple[int, int], vertices: Single) -> tuple[int, int, int, int]:
+    """The block of pixels (x0, y0, x1, y1), ends excluded, outside which none of the vertices can be seen."""
+    width, height = size
+    pixels, depth = camera.project(vertices, size)
+    if not len(vertices) or not (depth > 1e-6).all():
+        return 0, 0, width, height
+    low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
+    x0, y0 = (int(np.clip(a, 0, n)) for a, n in zip(low, size))
+    x1, y1 = (int(np.clip(a, 0, n)) for a, n in zip(high, size))
+    return x0, y0, max(x1, x0), max(y1, y0)
+
+
+class Embree:
+    """Ray queries by Intel Embree."""
+
+    def __init__(self, vertices: Single, triangles: Ints):
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self.scene = EmbreeScene()
+        self.vertices = np.ascontiguousarray(vertices, np.float32)
+        self.empty = not len(triangles)
+        if not self.empty:
+            self.mesh = TriangleMesh(self.scene, self.vertices, np.ascontiguousarray(triangles, np.int32))
+
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], among: Pixels | None = None
+    ) -> Hits:
+        x0, y0, x1, y1 = window(camera, size, self.vertices)
+        none = np.zeros(0, np.float32)
+        if self.empty or x1 <= x0 or y1 <= y0:
+            return Hits(np.zeros(0, np.int64), np.zeros(0, np.int32), none, none, none)
+        rays = camera.grid(size, offset, (x0, y0, x1, y1)).reshape(-1, 3)
+        if among is not None:
+            x, y = among % size[0], among // size[0]
+            among = among[(x >= x0) & (x < x1) & (y >= y0) & (y < y1)]
+            rays = rays[(among // size[0] - y0) * (x1 - x0) + among % size[0] - x0]
+        eye = np.empty_like(rays)
+        eye[:] = camera.eye
+        found = self.scene.run(eye, rays, output=1)
+        hit = np.flatnonzero(found["primID"] >= 0)
+        if among is None:
+            pixel = (hit // (x1 - x0) + y0) * size[0] + hit % (x1 - x0) + x0
+        else:
+            pixel = among[hit]
+        return Hits(pixel, *(found[k][hit] for k in ("primID", "u", "v", "tfar")))
+
+    def open(self, points: Single, directions: Single) -> Single:
+        """Share of the directions (n,k,3) that leave the points (n,3) unhindered, (n,)."""
+        n, k, _ = directions.shape
+        if self.empty or not n:
+            return np.ones(n, np.float32)
+        origins = np.repeat(points.astype(np.float32, copy=False), k, axis=0)
+        hit = self.scene.run(origins, np.ascontiguousarray(directions.reshape(-1, 3), np.float32), query="OCCLUDED")
+        return (hit.reshape(n, k) < 0).mean(axis=1, dtype=np.float32)
+
+    def ambient(self, points: Single, normals: Single, row: Ints, count: int) -> Single:
+        return _by_chunks(points, row, lambda p, r, s: self.open(p, _turn(cosine(count)[r], normals[s])))
+
+    def light(self, points: Single, direction: Single, radius: float, row: Ints, count: int) -> Single:
+        local = disc(count) * np.float32(radius)
+        axis = np.asarray(direction, np.float32)[None]
+        towards = _turn(np.concatenate([local, np.ones_like(local[..., :1])], -1).reshape(1, -1, 3), axis)
+        towards = towards.reshape(ROWS, count, 3)
+        return _by_chunks(points, row, lambda p, r, s: self.open(p, towards[r]))
+
+
+def _by_chunks(points: Single, row: Ints, work) -> Single:  # type: ignore[no-untyped-def]
+    out = np.ones(len(points), np.float32)
+    for start in range(0, len(points), 65536):
+        s = slice(start, start + 65536)
+        out[s] = work(points[s], row[s], s)
+    return out
+
+
+def _turn(directions: Single, axis: Single) -> Single:
+    """Directions (n|1,k,3) given about +Z, turned so that +Z becomes axis (n,3)."""
+    # orthonormal basis without branches: Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017
+    x, y, z = (axis[:, i] for i in range(3))
+    sign = np.where(z >= 0, np.float32(1), np.float32(-1))
+    a = -1 / (sign + z)
+    b = x * y * a
+    tangent = np.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
+    bitangent = np.stack([b, sign + y * y * a, -y], -1)
+    basis = np.stack([tangent, bitangent, axis], 1)
+    return np.matmul(directions, basis)
+
+
+@cache
+def disc(count: int) -> Single:
+    """(16, count, 2) points of the unit disc; each row covers it evenly, all rows together too."""
+    i = np.arange(count * ROWS)
+    radius = np.sqrt((i + 0.5) / len(i))
+    angle = i * np.pi * (3 - np.sqrt(5))  # Vogel's sunflower
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1).astype(np.float32)
+    # row r takes every 16th point, rotated in the order of a 4 x 4 Bayer matrix so that neighbours differ most
+    order = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
+    return np.ascontiguousarray(points.reshape(count, ROWS, 2).transpose(1, 0, 2)[order])
+
+
+@cache
+def cosine(count: int) -> Single:
+    """(16, count, 3) cosine-distributed directions about +Z (points of the disc, lifted: Malley's method)."""
+    points = disc(count)
+    up = np.sqrt(np.maximum(0, 1 - (points**2).sum(-1, keepdims=True)))
+    return np.concatenate([points, up], -1)
+
+
+def tile(pixel: NDArray[np.int64], width: int) -> Ints:
+    """Row of the direction tables for each pixel: its place in a 4 x 4 block."""
+    return ((pixel % width) % 4 + 4 * ((pixel // width) % 4)).astype(np.int32)

@@ -1,0 +1,156 @@
+"""The command line as a user meets it: answers, statuses, one-line errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def run(*args: object, timeout: float = 60) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "vitruvian", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
+
+
+def answer(*args: object) -> dict | list:
+    """The JSON document of a command that must succeed and print nothing else to stdout."""
+    done = run(*args, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def fails(*args: object) -> str:
+    """The one `error:` line of a command that must refuse."""
+    done = run(*args)
+    assert done.returncode == 2, (done.stdout, done.stderr)
+    assert "Traceback" not in done.stderr
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error:")]
+    others = [line for line in done.stderr.splitlines() if not line.startswith(("error:", "warning:"))]
+    assert len(errors) == 1 and not others, done.stderr
+    return errors[0]
+
+
+@pytest.fixture(scope="module")
+def anna(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A person written by the command line."""
+    path = tmp_path_factory.mktemp("cli") / "anna.x3d"
+    facts = answer("person", "--gender", "female", "--age", "40", "--height", "1.68", "--loa", "3", "-o", path)
+    assert facts["height_m"] == pytest.approx(1.68, abs=0.005)
+    assert 40 < facts["mass_kg"] < 90
+    assert 0.5 < facts["measures"]["waist"] < 1.1
+    return path
+
+
+COMMANDS = ["demo", "info", "check", "convert", "pose", "person", "animate", "view", "render", "bench"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str) -> None:
+    done = run(command, "--help")
+    assert done.returncode == 0
+    assert f"Example: vitruvian {command}" in " ".join(done.stdout.split())
+
+
+def test_info_counts_what_a_person_has(anna: Path) -> None:
+    (facts,) = answer("info", anna)["humanoids"]
+    assert (facts["joints"], facts["segments"], facts["loa"], facts["version"]) == (94, 94, 3, "2.0")
+    assert facts["displacers"] == 52
+    assert facts["vertices"] > 13_000 and facts["triangles"] > 25_000
+
+
+def test_info_about_itself() -> None:
+    facts = answer("info", "--self")
+    assert facts["kernels"] in ("x86-64-v3", "baseline", "numpy")
+
+
+def test_a_written_person_passes_the_check(anna: Path) -> None:
+    (document,) = answer("check", anna)
+    assert document["ok"], document["findings"]
+
+
+def test_check_says_no_with_status_one(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.x3d"
+    bad.write_text(
+        '<X3D version="4.0" profile="Immersive"><Scene><HAnimHumanoid DEF="h" name="h" version="2.0">\n'
+        '<HAnimJoint DEF="r" name="humanoid_root" containerField="skeleton"'
+        ' skinCoordIndex="0 7" skinCoordWeight="1 1"/>\n'
+        '<Coordinate DEF="c" containerField="skinCoord" point="0 0 0"/></HAnimHumanoid></Scene></X3D>'
+    )
+    done = run("check", bad, "--json")
+    assert done.returncode == 1
+    (document,) = json.loads(done.stdout)
+    assert not document["ok"]
+    rules = {f["rule"]: f for f in document["findings"]}
+    assert rules["S02"]["severity"] == "error" and rules["S02"]["line"] == 2
+    assert "7" in fails("info", bad)
+
+
+def test_pose_writes_the_matrices_that_skinning_uses(anna: Path, tmp_path: Path) -> None:
+    import numpy as np
+
+    out = tmp_path / "m.json"
+    answer("pose", anna, "--joints", '{"l_knee": [1, 0, 0, 0.8]}', "--matrices", out, "-o", tmp_path / "p.x3d")
+    matrices = json.loads(out.read_text())
+    c, s = np.cos(0.8), np.sin(0.8)
+    np.testing.assert_allclose(np.array(matrices["l_knee"])[:3, :3], [[1, 0, 0], [0, c, -s], [0, s, c]], atol=1e-12)
+    np.testing.assert_allclose(matrices["r_knee"], np.eye(4), atol=1e-12)
+    again = answer("pose", tmp_path / "p.x3d", "--joints", "{}")
+    np.testing.assert_allclose(again["l_knee"], matrices["l_knee"], atol=1e-5)
+
+
+def test_pose_refuses_unknown_joints(anna: Path) -> None:
+    assert "l_kneee" in fails("pose", anna, "--joints", '{"l_kneee": [1, 0, 0, 0.8]}')
+    assert "radians" in fails("pose", anna, "--joints", '{"l_knee": [1, 0, 0]}')
+    assert "JSON" in fails("pose", anna, "--joints", "{l_knee")
+
+
+@pytest.mark.parametrize("kind", ["glb", "x3d", "x3dv", "wrl", "html", "png", "bvh", "obj"])
+def test_animate_writes_every_kind(anna: Path, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / f"walk.{kind}"
+    facts = answer("animate", anna, "walk", "-o", out)
+    assert facts["frames"] > 20 and facts["fps"] == 30
+    assert facts["foot_slide_mm"] <= 2 and facts["floor_penetration_mm"] <= 5
+    assert out.stat().st_size > 1000
+
+
+def test_a_captured_walk_keeps_its_feet_on_the_floor(shared: Path, tmp_path: Path) -> None:
+    clip = shared / "data" / "motion" / "cmu_131_01_walk.bvh"
+    facts = answer("animate", "person", clip, "-o", tmp_path / "walk.glb")
+    assert facts["frames"] == 994
+    assert facts["foot_slide_mm"] <= 2 and facts["floor_penetration_mm"] <= 5
+
+
+@pytest.mark.parametrize("kind", ["wrl", "x3dv", "glb", "x3d"])
+def test_convert_real_bodies(shared: Path, tmp_path: Path, kind: str) -> None:
+    source = shared / "data" / "hanim" / "JinNoAnimations_Fixed.x3d"
+    out = tmp_path / f"jin.{kind}"
+    report = answer("convert", source, out)
+    assert out.stat().st_size > 10_000
+    assert isinstance(report["lost"], list)
+    if kind != "glb":
+        (before,) = answer("info", source)["humanoids"]
+        (after,) = answer("info", out)["humanoids"]
+        assert after["vertices"] == before["vertices"] and after["triangles"] == before["triangles"]
+
+
+def test_mistakes_are_one_line(anna: Path, tmp_path: Path) -> None:
+    assert "no such file" in fails("info", tmp_path / "nobody.x3d")
+    assert "unknown kind" in fails("info", __file__)
+    assert "--out" in fails("person")
+    assert "info" in fails("infoo", anna)
+    assert "linear" in fails("animate", anna, "walk", "--deformer", "liner", "-o", tmp_path / "a.glb")
+    assert "folder" in fails("person", "-o", tmp_path / "no" / "a.glb")
+    assert ".tiff" in fails("animate", anna, "walk", "-o", tmp_path / "a.tiff")
+    assert "gender" in fails("person", "--gender", "femal", "-o", tmp_path / "a.glb")
+    assert "waist" in fails("person", "--measure", "waist", "-o", tmp_path / "a.glb")
+    assert not list(tmp_path.iterdir())
+
+
+def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    out = tmp_path / "a.glb"
+    out.write_bytes(b"precious")
+    fails("animate", tmp_path / "nobody.x3d", "walk", "-o", out)
+    assert out.read_bytes() == b"precious" and len(list(tmp_path.iterdir())) == 1
