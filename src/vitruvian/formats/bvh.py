@@ -245,7 +245,7 @@ def _motion(
     ends = [(i, name, point) for i, j in enumerate(joints) for name, point in j.ends]
     site_points = np.array([rest[i] + point for i, _, point in ends]).reshape(-1, 3)
     names = [j.name for j in joints]
-    posed = _sample(parents, rest, rotation, shift)
+    posed = _sample(parents, rest, rotation, shift) if up is None else np.zeros((0, *rest.shape))
     try:
         turn, why_up = _upright(names, rest, posed, up)
         scale, why_unit = _unit(np.concatenate([rest, site_points]), turn, unit)
@@ -350,9 +350,10 @@ def _upright(names: list[str], rest: Floats, posed: Floats, up: str | None) -> t
         low, high = found.get("humanoid_root", 0), found.get("skullbase", found.get("vc4"))
         if high is not None and np.linalg.norm(rest[high] - rest[low]) > 0:
             both = [(p[high] - p[low]) / max(np.linalg.norm(p[high] - p[low]), 1e-300) for p in [*posed, rest]]
-            # the clip decides, its rest pose when nothing moves: what lies down at rest may stand up in the clip
-            spine = np.mean(both[:-1], axis=0) if len(posed) else both[-1]
-            why = "from hips to head in the clip"
+            # the clip decides when it mostly stands upright, because what lies down at rest may stand up in it
+            spine, why = np.mean(both[:-1], axis=0) if len(posed) else both[-1], "from hips to head in the clip"
+            if np.abs(spine).max() < 0.8:
+                spine, why = both[-1], "from hips to head at rest"
         else:
             size = np.ptp(rest, axis=0)
             spine = np.eye(3)[1 if size[1] >= size[2] else 2]

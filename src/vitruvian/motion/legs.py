@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
-from vitruvian.motion.contacts import Leg, floor_at_rest, runs
+from vitruvian.motion.contacts import Leg, floor_at_rest, runs, standing
 from vitruvian.motion.turns import about, positions, unit
 
 REACH = 0.995  # of the straight leg; beyond it knees lock and snap
@@ -29,16 +29,16 @@ class Foothold:
 
 
 def two_bone(
-    root: Floats, goal: Floats, pole: Floats, upper: float, lower: float, straight: float = REACH
+    root: Floats, goal: Floats, pole: Floats, upper: float, lower: float, straight: ArrayLike = REACH
 ) -> tuple[Floats, Floats]:
     """Middle joint and end (...,3) of a chain of two bones from `root` to `goal`, bent towards `pole` (...,3).
 
-    A goal out of reach is approached to `straight` of the whole length, one too near to the shortest fold.
+    A goal out of reach is approached to `straight` (a number or (...)) of the whole length, one too near to the shortest fold.
     """
     way = goal - root
     far = np.linalg.norm(way, axis=-1, keepdims=True)
     along = np.where(far > 1e-9, way / np.maximum(far, 1e-9), -UP)
-    reach = np.clip(far, abs(upper - lower) + 1e-6, straight * (upper + lower))
+    reach = np.clip(far, abs(upper - lower) + 1e-6, np.asarray(straight)[..., None] * (upper + lower))
     side = pole - root
     normal = unit(side - along * np.sum(side * along, axis=-1, keepdims=True))
     a = (upper**2 - lower**2 + reach**2) / (2 * reach)
@@ -47,7 +47,14 @@ def two_bone(
 
 
 def bend_leg(
-    skeleton: Skeleton, leg: Leg, world: Floats, hip: Floats, knee: Floats, ankle: Floats, foot: Floats
+    skeleton: Skeleton,
+    leg: Leg,
+    world: Floats,
+    hip: Floats,
+    knee: Floats,
+    ankle: Floats,
+    foot: Floats,
+    straight: ArrayLike = REACH,
 ) -> None:
     """Turn thigh, shank and foot in `world` (F,J,4), in place, so that the ankle comes to `ankle` (F,3).
 
@@ -55,7 +62,7 @@ def bend_leg(
     Thigh and shank are swung the shortest way, so the knee's axis stays with the leg.
     """
     c = skeleton.centers
-    middle, end = two_bone(hip, ankle, knee, leg.thigh, leg.shank)
+    middle, end = two_bone(hip, ankle, knee, leg.thigh, leg.shank, straight)
     for joint, bone, way in (
         (leg.hip, c[leg.knee] - c[leg.hip], middle - hip),
         (leg.knee, c[leg.ankle] - c[leg.knee], end - middle),
@@ -96,6 +103,24 @@ def smooth(t: Floats) -> Floats:
     return t * t * (3 - 2 * t)
 
 
+def footholds(skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], fps: float) -> dict[str, Foothold]:
+    """When heel and ball of each leg stand in a clip as it comes: world rotations (F,J,4), root translation (F,3)."""
+    place = positions(skeleton.parents, skeleton.centers, world, move)
+    out = {}
+    for leg in limbs:
+        foot, ankle = world[:, leg.ankle], place[:, leg.ankle]
+        heel, ball = (
+            standing(ankle + rotate(foot, p - skeleton.centers[leg.ankle]), fps, height=0.02) for p in (leg.heel, leg.pivot)
+        )
+        # an end of the foot that comes loose for a moment while the other stands has not been lifted
+        for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
+            for start, stop in runs(~flags):
+                if 0 < start and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+                    flags[start:stop] = True
+        out[leg.side] = Foothold(heel, ball)
+    return out
+
+
 def plant(
     skeleton: Skeleton,
     world: Floats,
@@ -104,7 +129,7 @@ def plant(
     holds: Mapping[str, Foothold],
     fps: float,
     *,
-    blend: float = 0.1,
+    blend: float = 0.08,
 ) -> tuple[Floats, Floats]:
     """Keep standing feet where they stand: new world rotations (F,J,4) and root translations (F,3).
 
@@ -118,12 +143,17 @@ def plant(
     place = positions(skeleton.parents, c, world, move)
     goals = {leg.side: _steps(skeleton, leg, world, place, holds[leg.side], floor, fps, blend) for leg in limbs}
     sink = np.zeros(len(move))
+    # knees may be as straight as they are in the clip, but no straighter than that or REACH
+    straight = {}
+    for leg in limbs:
+        far = np.linalg.norm(place[:, leg.ankle] - place[:, leg.hip], axis=1) / leg.length
+        straight[leg.side] = np.clip(far, REACH, 0.9998)
     for leg in limbs:
         goal, _, hold = goals[leg.side]
         stands = hold.heel | hold.ball
         way = place[:, leg.hip] - goal
         flat = np.hypot(way[:, 0], way[:, 2])
-        reach = np.sqrt(np.maximum((0.999 * REACH * leg.length) ** 2 - flat**2, 0.0))
+        reach = np.sqrt(np.maximum((0.9999 * straight[leg.side] * leg.length) ** 2 - flat**2, 0.0))
         sink = np.maximum(sink, np.maximum(way[:, 1] - reach, 0.0) * ease(stands, blend * fps))
     sink = _over(sink, fps)
     move[:, 1] -= sink
@@ -131,7 +161,7 @@ def plant(
     for leg in limbs:
         goal, foot, hold = goals[leg.side]
         before = world.copy()
-        bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot)
+        bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot, straight[leg.side])
         _carry(skeleton, leg.ankle, before, world)
         stands = ease(hold.ball, blend * fps)
         _flatten_toes(skeleton, leg, world, stands)
@@ -164,13 +194,14 @@ def _steps(
     """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when heel and ball stand after all."""
     c = skeleton.centers
     ankle = place[:, leg.ankle]
-    raw = ankle + rotate(world[:, leg.ankle], leg.pivot - c[leg.ankle])
+    raw = tuple(ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
     hold = _split(hold, raw, fps)
     yaw, pitch, roll = heading(world[:, leg.ankle])
     on_heel, on_ball = ease(hold.heel, blend * fps), ease(hold.ball, blend * fps)
     pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
     # who turns on one end of the foot keeps the other a little off the floor
-    pitch = pitch + np.radians(3.0) * (on_heel * (1 - on_ball) - on_ball * (1 - on_heel))
+    on_one = on_heel * (1 - on_ball) - on_ball * (1 - on_heel)
+    pitch = pitch + on_one * np.maximum(np.radians(3.0) - np.abs(pitch), 0.0)
     roll = roll * (1 - np.maximum(on_heel, on_ball))
     foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, roll)
     heel = ankle + rotate(foot, leg.heel - c[leg.ankle])
@@ -190,21 +221,26 @@ def _steps(
     return goal, foot, hold
 
 
-def _split(hold: Foothold, ball: Floats, fps: float, *, drift: float = 0.05, pause: float = 0.1) -> Foothold:
-    """Contacts in which the foot (path (F,3)) goes farther than `drift` (m) are cut where it is fastest: a slow step."""
-    heel, front = hold.heel.copy(), hold.ball.copy()
-    pace = np.linalg.norm(np.gradient(ball, axis=0), axis=1) * fps if len(ball) > 1 else np.zeros(len(ball))
+def _split(hold: Foothold, ends: tuple[Floats, Floats], fps: float, drift: float = 0.05, pause: float = 0.1) -> Foothold:
+    """Contacts in which heel or ball (`ends`: paths (F,3)) go farther than `drift` (m) are cut where that is fastest.
+
+    So slow steps, which never get faster than a contact may, become steps.
+    """
+    flags = (hold.heel.copy(), hold.ball.copy())
     half = max(1, int(round(0.5 * pause * fps)))
-    stack = runs(heel | front)
-    while stack:
-        start, stop = stack.pop()
-        part = ball[start:stop]
-        if stop - start < 6 * half or np.linalg.norm(part - np.median(part, axis=0), axis=1).max() < drift:
-            continue
-        cut = start + 2 * half + int(np.argmax(pace[start + 2 * half : stop - 2 * half]))
-        heel[cut - half : cut + half] = front[cut - half : cut + half] = False
-        stack += [(start, cut - half), (cut + half, stop)]
-    return Foothold(heel, front)
+    for k, path in enumerate(ends):
+        stack = runs(flags[k])
+        while stack:
+            start, stop = stack.pop()
+            part = path[start:stop]
+            if stop - start < 6 * half or np.linalg.norm(part - np.median(part, axis=0), axis=1).max() < drift:
+                continue
+            pace = np.linalg.norm(np.gradient(part, axis=0), axis=1)
+            cut = start + 2 * half + int(np.argmax(pace[2 * half : -2 * half]))
+            for end in flags:
+                end[cut - half : cut + half] = False
+            stack += [(start, cut - half), (cut + half, stop)]
+    return Foothold(*flags)
 
 
 def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(15.0)) -> Floats:

@@ -40,7 +40,7 @@ _SIDED = {
     "hip": "upleg upperleg upperleg01 thigh hip femur",
     "knee": "leg lowleg loleg lowerleg lowerleg01 knee shin calf tibia",
     "talocrural": "foot ankle",
-    "metatarsophalangeal_2": "toe toes toebase toe0 toe11 ball foot",
+    "metatarsophalangeal_2": "toe toes toebase toe0 toe1-1 ball foot",
     "sternoclavicular": "clavicle clavicula collar collarbone shoulder scapula",
     "acromioclavicular": "shoulder01",
     "shoulder": "arm uparm upperarm upperarm01 shoulder humerus",
@@ -48,6 +48,7 @@ _SIDED = {
     "radiocarpal": "hand wrist",
     "eyeball_joint": "eye",
 }
+_STUCK = "hand|clavicle|humerus|radius|wrist|femur|tibia|foot|toes|thumb|fingers"  # after a bare l or r, as in ASF
 _UPPER_ARM = {"arm", "uparm", "upperarm", "upperarm01", "humerus"}
 # A word is this joint only if the same side has (True) or has not (False) one of those words too: what is called "hand"
 # in a rig with a "wrist" is the palm, a "shoulder" beside an "arm" is the collar bone.
@@ -70,7 +71,7 @@ def _words() -> tuple[dict[str, list[str]], dict[str, list[str]]]:
     ):
         phases = ("metacarpal", "proximal", "distal") if k == 1 else ("proximal", "intermediate", "distal")
         for i, joint in enumerate(joints):
-            forms = [f"finger{k}{i + 1}", f"finger{k - 1}{i or ''}"]  # MakeHuman 1-1, Biped 0, 01, 02
+            forms = [f"finger{k}-{i + 1}", f"finger{k - 1}{i or ''}"]  # MakeHuman 1-1, Biped 0, 01, 02
             for finger in fingers.split():
                 forms += [f"{finger}{i + 1}", f"hand{finger}{i + 1}", f"{finger}0{i + 1}", f"f{finger}0{i + 1}"]
                 forms.append(finger + phases[i])
@@ -95,10 +96,12 @@ def split_name(name: str) -> tuple[str, str]:
         if token.lower() in ("l", "left", "r", "right"):
             side = tokens.pop(i)[0].lower()
             break
-    word = "".join(tokens).lower()
+    word = ""
+    for token in tokens:  # numbers side by side stay apart: finger1-2 is not Biped's finger 12
+        word += ("-" if word[-1:].isdigit() and token[0].isdigit() else "") + token.lower()
     if not side:
-        # one letter stuck to the front, or all in one word: LThumb, lhand, leftarm
-        stuck = re.match(r"(left|right)(?=.)", word) or re.match(r"[LR](?=[A-Z])|[lr](?=hand$)", bare)
+        # one letter stuck to the front, or all in one word: LThumb, lhand, lfemur, leftarm
+        stuck = re.match(r"(left|right)(?=.)", word) or re.match(rf"[LR](?=[A-Z])|[lr](?=({_STUCK})$)", bare)
         if stuck:
             side, word = stuck[0][0].lower(), word[len(stuck[0]) :]
     return side, word

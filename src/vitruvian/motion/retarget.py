@@ -16,9 +16,9 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, legs, runs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
 from vitruvian.motion.hands import relaxed
-from vitruvian.motion.legs import Foothold, plant
+from vitruvian.motion.legs import Foothold, footholds, plant
 from vitruvian.motion.names import FINGER_JOINTS, NECK, SPINE, VERTEBRAE, joint_index, match
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
 from vitruvian.motion.types import Motion
@@ -116,7 +116,7 @@ def retarget(
     notes = [*notes, f"distances scaled by {scale:.3f}"]
     limbs = legs(skeleton)
     if feet and limbs and len(motion) > 1:
-        holds = {leg.side: _foothold(source, leg.side, motion.fps, scale) for leg in limbs}
+        holds = footholds(skeleton, world, move, limbs, motion.fps)
         move[:, 1] += _ground(skeleton, world, move, limbs, holds)
         world, move = plant(skeleton, world, move, limbs, holds, motion.fps)
         local = local_rotations(skeleton.parents, world)
@@ -219,7 +219,10 @@ def _alignment(source: _Source, skeleton: Skeleton, target: dict[str, int], faci
             for near, far in zip(chain, chain[1:]):
                 a, b = f"{side}_{near}", f"{side}_{far}"
                 if both(a) and both(b):
-                    before = _swing(before, c[target[b]] - c[target[a]], rest[index[b]] - rest[index[a]])
+                    own, his = c[target[b]] - c[target[a]], rest[index[b]] - rest[index[a]]
+                    if near in ("hip", "shoulder"):
+                        before = multiply(_sideways(facing, rotate(before, own), his), before)
+                    before = _swing(before, own, his)
                 if a in align:
                     align[a] = before
             if f"{side}_{chain[-1]}" in align:
@@ -244,6 +247,19 @@ def _swing(before: Floats, target: Floats, source: Floats) -> Floats:
     return multiply(between(rotate(before, target), source), before)
 
 
+def _sideways(facing: Floats, own: Floats, his: Floats) -> Floats:
+    """The turn about the front axis that brings limb `own` as far out from the body as `his`.
+
+    Rest poses differ by how far arms and legs are raised to the side (T, A, hanging). Done first and about that axis, it
+    keeps thumbs and kneecaps where they are; the shortest turn would roll limbs that do not hang exactly straight.
+    """
+    front = rotate(facing, np.array([0.0, 0.0, 1.0]))
+    a, b = (unit(v - front * (v @ front)) for v in (own, his))
+    if abs(unit(own) @ front) > 0.95 or abs(unit(his) @ front) > 0.95:
+        return np.array([0.0, 0.0, 0.0, 1.0])  # a limb that points to the front says nothing about it
+    return about(front, np.arctan2(np.cross(a, b) @ front, a @ b))
+
+
 def _hand(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, forearm: Floats) -> Floats:
     """Knuckles along knuckles, and thumb beside thumb when both have one."""
     c, wrist = skeleton.centers, f"{side}_radiocarpal"
@@ -257,9 +273,14 @@ def _hand(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str
     if tip is None:
         return forearm
     his = tip - source.rest[source.index[wrist]]
-    own_thumb = target.get(f"{side}_metacarpophalangeal_1", target.get(f"{side}_carpometacarpal_1"))
-    his_thumb = source.end(thumb) if thumb is not None else None
-    if own_thumb is None or thumb is None or his_thumb is None:
+    if thumb is None or f"{side}_carpometacarpal_1" not in target:
+        return _swing(forearm, own, his)
+    # the same joint of both thumbs, or the far ends of both
+    knuckle = f"{side}_metacarpophalangeal_1"
+    tips = [n for joint in FINGER_JOINTS[1] if (n := f"{side}_{joint}") in target]
+    own_thumb = target[knuckle if knuckle in target and knuckle in source.index else tips[-1]]
+    his_thumb = source.rest[source.index[knuckle]] if knuckle in source.index else source.end(thumb)
+    if his_thumb is None:
         return _swing(forearm, own, his)
     a = frame(his, his_thumb - source.rest[source.index[wrist]])
     b = frame(own, c[own_thumb] - c[target[wrist]])
@@ -431,23 +452,6 @@ def _root(
     if not ratios:
         return his - rest + (c[target[hips[0]]] if hips else c[0]) - own, 1.0
     return his * scale - own, scale
-
-
-def _foothold(source: _Source, side: str, fps: float, scale: float) -> Foothold:
-    """When heel and ball of the source stand, with the note's thresholds, in the size of the target."""
-    ankle = source.index.get(f"{side}_talocrural")
-    toe = source.index.get(f"{side}_metatarsophalangeal_2", ankle)
-    if ankle is None or toe is None:
-        none = np.zeros(len(source.turn), bool)
-        return Foothold(none, none)
-    heel = standing(source.place[:, ankle] * scale, fps)
-    ball = standing(source.place[:, toe] * scale, fps)
-    # an end of the foot that comes loose for a moment while the other stands has not been lifted
-    for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
-        for start, stop in runs(~flags):
-            if start > 0 and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
-                flags[start:stop] = True
-    return Foothold(heel, ball)
 
 
 def _ground(
