@@ -17,7 +17,7 @@ struct Dual {
     f8 v[8];  // x y z w, then the dual part
 };
 
-inline f8 dot(const f8* a, const f8* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]; }
+inline f8 dot(const f8* a, const f8* b) { return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]); }
 
 // The rows of eight vertices by columns; with U all eight have the row of the first.
 template <bool U>
@@ -72,7 +72,7 @@ inline void angle_over_sine(f8 c, f8& f, f8& slope) {
     const f8 d = 1.0f - c;
     if (!any_below(c, 0.9f)) {
         f = 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f)));
-        slope = -0.333336912f + d * (-0.266036496f + d * (-0.187785796f));
+        slope = -0.333333300f + d * (-0.26668142f + d * (-0.17065555f + d * -0.11392895f));
         return;
     }
     f = near_f(d);
@@ -127,62 +127,90 @@ inline void perpendicular(Dual& b) {
     for (int c = 0; c < 4; ++c) b.v[4 + c] = b.v[4 + c] - b.v[c] * along;
 }
 
-// The joint with the largest weight, the first of equals, of each of eight vertices.
-inline Dual pivot(const float* table, const int32_t* joint, const float* weight, int n) {
+// Signs against the joint with the largest weight, the first of equals: sign[k] is 1 or -1.
+inline void choose_signs(const float* table, const int32_t* joint, const float* weight, int n, f8* sign) {
     Dual best = gather<false>(table, joint);
     f8 most = load8(weight);
     for (int k = 1; k < n; ++k) {
         const f8 w = load8(weight + k * 8), less = most - w;
         const Dual q = gather<false>(table, joint + k * 8);
-        for (int c = 0; c < 8; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
+        for (int c = 0; c < 4; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
         most = where_negative(less, w, most);
     }
-    return best;
+    for (int k = 0; k < n; ++k)
+        sign[k] = where_negative(dot(gather<false>(table, joint + k * 8).v, best.v), all(-1.0f), all(1.0f));
 }
 
-// Blended motion of eight vertices. `flip`: signs are to be chosen against the joint with the largest weight.
-template <int K, bool U>
-inline Dual blend(const float* table, const int32_t* joint, const float* weight, int n, int steps, bool flip) {
-    constexpr int kept = K && !U ? K : 1;  // what has been gathered is kept; uniform groups read again
-    if (K == 1) return gather<U>(table, joint);
-    Dual store[kept], first;
-    if (flip) first = pivot(table, joint, weight, n);
-    auto influence = [&](int k) {
-        Dual q = gather<U>(table, joint + k * 8);
-        if (flip) {
-            const f8 d = dot(q.v, first.v);
-            for (f8& c : q.v) c = where_negative(d, 0.0f - c, c);
+const int kBatch = 4;  // groups that go through each phase before the next one: their chains of arithmetic overlap
+
+// What is worked out about one group of eight vertices. Phases are short so that everything stays in registers.
+template <int K>
+struct Work {
+    const int32_t* joint;
+    const float* weight;
+    int n;
+    bool uniform;
+    Dual a, b;
+    f8 real[K], dual[K];  // weights of the second blend: w f and w f' c'
+    f8 sign[K];
+    Dual kept[K];         // gathered influences; those of uniform groups are read from the table again
+
+    template <bool U>
+    Dual influence(const float* table, int k) const {
+        return U ? gather<true>(table, joint + k * 8) : kept[k];
+    }
+
+    // The sum of weight times dual quaternion.
+    template <bool U>
+    void blend(const float* table, bool flip, bool keep) {
+        if (flip) choose_signs(table, joint, weight, n, sign);
+        if (!U && keep)
+            for (int k = 0; k < n; ++k) kept[k] = gather<false>(table, joint + k * 8);
+        if (!flip && (U || !keep)) {
+            a = sum_rows<K, U>(table, joint, weight, n);
+            return;
         }
-        return q;
-    };
-    Dual a;
-    if (!flip && (U || steps == 0)) {
-        a = sum_rows<K, U>(table, joint, weight, n);
-    } else {
-        for (int k = 0; k < (K ? K : n); ++k) {
-            const Dual q = influence(k);
-            if (K && !U) store[k] = q;
-            const f8 w = load8(weight + k * 8);
+        for (int k = 0; k < n; ++k) {
+            const Dual q = U || keep ? influence<U>(table, k) : gather<false>(table, joint + k * 8);
+            const f8 w = flip ? load8(weight + k * 8) * sign[k] : load8(weight + k * 8);
             for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
         }
     }
-    normalise(a, table, joint, weight, n);
-    if (steps) perpendicular(a);
-    for (int step = 0; step < steps; ++step) {
-        Dual b;
-        for (f8& c : b.v) c = all(0.0f);
-        for (int k = 0; k < (K ? K : n); ++k) {
-            const Dual q = K && !U ? store[k] : influence(k);
-            const f8 w = load8(weight + k * 8);
+
+    // Weights of the second blend.
+    template <bool U>
+    void compare(const float* table, bool flip) {
+        for (int k = 0; k < n; ++k) {
+            const Dual q = influence<U>(table, k);
+            f8 w = load8(weight + k * 8), c = dot(a.v, q.v), c_dual = dot(a.v, q.v + 4) + dot(a.v + 4, q.v);
+            if (flip) {
+                c = c * sign[k];
+                c_dual = c_dual * sign[k];
+                w = w * sign[k];
+            }
             f8 f, slope;
-            angle_over_sine(dot(a.v, q.v), f, slope);
-            const f8 g = w * slope * (dot(a.v, q.v + 4) + dot(a.v + 4, q.v));
-            f = w * f;
+            angle_over_sine(c, f, slope);
+            real[k] = w * f;
+            dual[k] = w * slope * c_dual;
+        }
+    }
+
+    template <bool U>
+    void blend_again(const float* table) {
+        Dual s;
+        for (int k = 0; k < n; ++k) {
+            const Dual q = influence<U>(table, k);
+            for (int c = 0; c < 4; ++c) s.v[c] = k ? s.v[c] + real[k] * q.v[c] : real[k] * q.v[c];
             for (int c = 0; c < 4; ++c) {
-                b.v[c] += f * q.v[c];
-                b.v[4 + c] += f * q.v[4 + c] + g * q.v[c];
+                const f8 term = k ? s.v[4 + c] + real[k] * q.v[4 + c] : real[k] * q.v[4 + c];
+                s.v[4 + c] = term + dual[k] * q.v[c];
             }
         }
+        b = s;
+    }
+
+    // A <- A exp(.), see above.
+    void advance() {
         const f8 s = dot(a.v, b.v), s_dual = dot(a.v, b.v + 4) + dot(a.v + 4, b.v);
         const f8 length = dot(b.v, b.v) - s * s, length_dual = 2.0f * (dot(b.v, b.v + 4) - s * s_dual);
         f8 cosine, sine, slope;
@@ -191,13 +219,12 @@ inline Dual blend(const float* table, const int32_t* joint, const float* weight,
         const f8 keep = cosine - sine * s;
         const f8 keep_dual = -0.5f * sine * length_dual - sine_dual * s - sine * s_dual;
         for (int c = 0; c < 4; ++c) {
-            const f8 real = keep * a.v[c] + sine * b.v[c];
-            a.v[4 + c] = keep * a.v[4 + c] + keep_dual * a.v[c] + sine * b.v[4 + c] + sine_dual * b.v[c];
-            a.v[c] = real;
+            const f8 was = a.v[c];
+            a.v[c] = keep * was + sine * b.v[c];
+            a.v[4 + c] = (keep * a.v[4 + c] + keep_dual * was) + (sine * b.v[4 + c] + sine_dual * b.v[c]);
         }
     }
-    return a;
-}
+};
 
 // Quaternion product.
 inline void times(const f8* a, const f8* b, f8* out) {
@@ -295,37 +322,91 @@ inline bool unwanted(const Bucket& bucket, int64_t place, int64_t last, const fl
     return true;
 }
 
-template <int K, bool U>
-inline Dual blended(const RigidJob& job, const float* table, const int32_t* joint, const float* weight, int n,
-                    const float* bases, int64_t place, bool flip) {
-    return job.twists ? blend_twists<K, U>(table, joint, weight, n, bases, job.base + place)
-                      : blend<K, U>(table, joint, weight, n, job.steps, flip);
+inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, const Dual& a) {
+    float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
+    if (job.whole) return write_frames(bucket, place, last, a, out);
+    f8 moved[3];
+    move(a, bucket.rest + place * 3, moved);
+    write(bucket, place, last, moved, job.mix ? job.mix + f * job.vertices : nullptr, out);
+}
+
+// Up to kBatch groups, whose first vertices are `place`, in frame f.
+template <int K>
+void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
+    const float* table = job.table + f * job.rows * 8;
+    const bool flip = job.agree && !job.agree[f];
+    const int steps = K == 1 ? 0 : job.steps;
+    Work<K> work[kBatch];
+    for (int g = 0; g < groups; ++g) {
+        Work<K>& w = work[g];
+        w.joint = bucket.joint + place[g] * K;
+        w.weight = bucket.weight + place[g] * K;
+        w.n = K;
+        w.uniform = bucket.uniform[place[g] / 8];
+        if (K == 1)
+            w.a = gather<false>(table, w.joint);
+        else if (w.uniform)
+            w.template blend<true>(table, flip, steps > 0);
+        else
+            w.template blend<false>(table, flip, steps > 0);
+    }
+    if (K > 1)
+        for (int g = 0; g < groups; ++g) normalise(work[g].a, table, work[g].joint, work[g].weight, K);
+    for (int step = 0; step < steps; ++step) {
+        if (step == 0)
+            for (int g = 0; g < groups; ++g) perpendicular(work[g].a);
+        for (int g = 0; g < groups; ++g) {
+            if (work[g].uniform)
+                work[g].template compare<true>(table, flip);
+            else
+                work[g].template compare<false>(table, flip);
+        }
+        for (int g = 0; g < groups; ++g) {
+            if (work[g].uniform)
+                work[g].template blend_again<true>(table);
+            else
+                work[g].template blend_again<false>(table);
+        }
+        for (int g = 0; g < groups; ++g) work[g].advance();
+    }
+    for (int g = 0; g < groups; ++g) finish(bucket, job, f, place[g], last, work[g].a);
+}
+
+template <int K>
+void twist_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
+    const int n = bucket.influences;
+    const float* table = job.table + f * job.rows * 8;
+    const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
+    for (int g = 0; g < groups; ++g) {
+        const int32_t* joint = bucket.joint + place[g] * n;
+        const float* weight = bucket.weight + place[g] * n;
+        const int32_t* base = job.base + place[g];
+        finish(bucket, job, f, place[g], last,
+               bucket.uniform[place[g] / 8] ? blend_twists<K, true>(table, joint, weight, n, bases, base)
+                                            : blend_twists<K, false>(table, joint, weight, n, bases, base));
+    }
 }
 
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
-    const int n = bucket.influences;
-    const int64_t vertices = job.vertices;
     for (int64_t f = 0; f < job.frames; ++f) {
-        const float* table = job.table + f * job.rows * 8;
-        const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
-        const float* mix = job.mix ? job.mix + f * vertices : nullptr;
-        float* out = job.out + f * vertices * (job.whole ? 12 : 3);
-        const bool flip = job.agree && !job.agree[f];
-        for (int64_t place = first; place < last; place += 8) {
-            if (mix && unwanted(bucket, place, last, mix)) continue;
-            const int32_t* joint = bucket.joint + place * n;
-            const float* weight = bucket.weight + place * n;
-            const Dual a = bucket.uniform[place / 8] ? blended<K, true>(job, table, joint, weight, n, bases, place, flip)
-                                                     : blended<K, false>(job, table, joint, weight, n, bases, place, flip);
-            if (job.whole) {
-                write_frames(bucket, place, last, a, out);
-            } else {
-                f8 moved[3];
-                move(a, bucket.rest + place * 3, moved);
-                write(bucket, place, last, moved, mix, out);
-            }
+        const float* mix = job.mix ? job.mix + f * job.vertices : nullptr;
+        int64_t place[kBatch];
+        int groups = 0;
+        for (int64_t p = first; p < last; p += 8) {
+            if (!(mix && unwanted(bucket, p, last, mix))) place[groups++] = p;
+            if (groups < kBatch) continue;
+            if (job.twists)
+                twist_batch<K>(bucket, job, f, place, groups, last);
+            else
+                blend_batch<K>(bucket, job, f, place, groups, last);
+            groups = 0;
         }
+        if (!groups) continue;
+        if (job.twists)
+            twist_batch<K>(bucket, job, f, place, groups, last);
+        else
+            blend_batch<K>(bucket, job, f, place, groups, last);
     }
 }
 
@@ -338,7 +419,8 @@ void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& jo
         case 2: return run<2>(bucket, first, last, job);
         case 4: return run<4>(bucket, first, last, job);
         case 8: return run<8>(bucket, first, last, job);
-        default: return run<0>(bucket, first, last, job);
+        case 16: return run<16>(bucket, first, last, job);
+        default: return run<64>(bucket, first, last, job);  // up to 64, see lane_buckets
     }
 }
 
