@@ -285,7 +285,8 @@ def test_the_weight_map_has_the_colours_of_its_bar(browser, tmp_path):
         print(found)
         values = {joint: value for joint, value, _ in found}
         assert all(distance < 24 for *_, distance in found)
-        assert values["l_knee"] < 0.03 and values["vt6"] > 0.5
+        # the front of the shoulder's capsule hangs on vt6 by 0.7, the top of the trunk's by 0.3, the knee not at all
+        assert values["l_knee"] < 0.01 and abs(values["l_shoulder"] - 0.7) < 0.02 and abs(values["vt6"] - 0.3) < 0.02
 
 
 def test_a_page_comes_back_when_its_server_does(browser):
@@ -322,7 +323,10 @@ def test_two_things_and_a_mesh_without_joints_are_shown(browser):
 
 
 def test_a_long_clip_of_a_full_skeleton_stays_below_20_megabytes(tmp_path):
-    made = record(capsule_clip(joints=146, vertices=20_000, frames=994), tmp_path / "long.html")
+    clip = capsule_clip(joints=146, vertices=20_000, frames=994)
+    shake = np.random.default_rng(3).normal(size=clip.motion.rotation.shape) * 0.02  # nothing repeats, as in captured motion
+    motion = replace(clip.motion, rotation=clip.motion.rotation + shake)
+    made = record(replace(clip, motion=motion), tmp_path / "long.html")
     print(f"994 frames, 146 joints, 20,000 vertices: {made['bytes'] / 1e6:.1f} MB")
     assert made["bytes"] < 20e6
 
