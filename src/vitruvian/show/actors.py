@@ -18,6 +18,7 @@ from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
+from vitruvian.show.shade import openness
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -157,6 +158,9 @@ def mesh_message(actor: Actor) -> bytes:
         Block("site_points", f32(skeleton.site_points), actor.name),
         Block("placement", f32(body.placement[:3]), actor.name),
     ]
+    if len(triangles):
+        shade = openness(skin.rest, skin.triangles)
+        blocks.append(Block("openness", np.rint(255 * shade).astype(np.uint8), actor.name))
     if uv is not None:
         blocks.append(Block("uv", f32(uv), actor.name))
     if skin.colors is not None:
