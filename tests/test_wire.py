@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from capsules import capsule_body, capsule_clip, stride
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capsules import capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import actors_of, mesh_message, sample, turned

@@ -18,7 +18,7 @@ from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
-from vitruvian.show.shade import openness
+from vitruvian.show.openness import openness
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -259,7 +259,7 @@ class Vertices:
 
 
 def turned(actor: Actor, pose: NDArray[np.float32], turns: dict[int, NDArray[np.float64]]) -> NDArray[np.float32]:
-    """The pose with extra rotations (joint -> unit quaternion xyzw), each in its joint's parent frame and about its centre.
+    """The pose with extra rotations (joint -> unit quaternion xyzw), each in its parent's frame and about its own centre.
 
     The same as pose.js: `M'_j = D_j M_j`, `D_j = D_parent rot(x_j)`, where rot(x_j) turns about the posed centre.
     """
@@ -298,4 +298,3 @@ def _matrix(q: NDArray[np.float64]) -> NDArray[np.float64]:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-
