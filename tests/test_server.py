@@ -127,7 +127,8 @@ def test_foreign_origins_and_hosts_get_no_socket(window):
 
 @pytest.mark.parametrize(
     "first",
-    ['{"type": "hello", "token": "", "version": 1}', '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "",
+    ['{"type": "hello", "token": "", "version": 1}',
+     '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "",
      "{",
      '{"type": "hello", "version": 1}', b"\x00\x01", '{"type": "hello", "token": "%s", "version": 1}' % ("0" * 32)],
 )  # fmt: skip

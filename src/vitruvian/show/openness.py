@@ -9,16 +9,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats, Ints
+from vitruvian.body.types import Floats, Ints, Skeleton, Weights
 
 RAYS = 48
+JOINED = 0.45  # metres along the skeleton
 REACH = 0.09  # metres; what is farther away hides nothing
 
 
-def openness(points: Floats, triangles: Ints, *, rays: int = RAYS, reach: float = REACH) -> NDArray[np.float32]:
+def openness(
+    points: Floats,
+    triangles: Ints,
+    owner: Ints | None = None,
+    apart: Floats | None = None,
+    *,
+    rays: int = RAYS,
+    reach: float = REACH,
+) -> NDArray[np.float32]:
     """(V,) in 0..1: how much of the cosine-weighted half space above each vertex nothing nearer than `reach` hides.
 
-    points (V,3) metres, triangles (T,3). Hits count less with distance. Ambient occlusion by ray casting (Embree);
+    points (V,3) metres, triangles (T,3). With `owner` (V,) joints and `apart` (J,J) metres between them along the
+    skeleton, surfaces of joints further apart than `JOINED` do not shade each other: a hand leaves the thigh. Hits count less with distance. Ambient occlusion by ray casting (Embree);
     all ones where embreex is missing. The directions are fixed: the same mesh gives the same answer.
     """
     count = len(points)
@@ -48,8 +58,28 @@ def openness(points: Floats, triangles: Ints, *, rays: int = RAYS, reach: float 
         direction = np.ascontiguousarray(flat + np.sqrt(1 - rise * rise) * normal, dtype=np.float32)
         hit = scene.run(origins, direction, output=1)
         distance = np.where(np.asarray(hit["primID"]) >= 0, np.asarray(hit["tfar"]), np.inf)
+        if owner is not None and apart is not None:
+            struck = owner[triangles[np.asarray(hit["primID"]), 0]]
+            distance[apart[owner, struck] > JOINED] = np.inf
         hidden += np.clip(1 - distance / reach, 0, 1) ** 0.7
     return smooth((1 - hidden / rays).astype(np.float32), triangles)
+
+
+def owners(weights: Weights) -> Ints:
+    """(V,) the joint with the largest weight of each vertex, 0 without any."""
+    return weights.top(1)[0][:, 0]
+
+
+def reaches(skeleton: Skeleton) -> Floats:
+    """(J,J) metres between joints along the bones at rest; infinite between trees."""
+    n = len(skeleton)
+    out = np.full((n, n), np.inf)
+    for j, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            step = np.linalg.norm(skeleton.centers[j] - skeleton.centers[parent])
+            out[j, :j] = out[:j, j] = out[parent, :j] + step
+        out[j, j] = 0
+    return out
 
 
 def vertex_normals(points: NDArray, triangles: Ints) -> NDArray[np.float64]:
