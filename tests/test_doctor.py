@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scene_figure import GOOD, VRML, broken, good
+from scene_figure import GOOD, MOTION, VRML, broken, good
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
 from vitruvian.hanim.doctor import SEVERITY, check
@@ -19,10 +19,6 @@ ROOT_JOINT = '<HAnimJoint USE="hanim_humanoid_root" containerField="joints"/>'
 VL5_JOINT = '<HAnimJoint USE="hanim_vl5" containerField="joints"/>'
 SITE = '<HAnimSite USE="hanim_navel_pt" containerField="sites"/>'
 ELBOW = '<HAnimJoint DEF="hanim_l_elbow"'
-MOTION = (
-    '<HAnimMotion DEF="run" joints="humanoid_root vl5" channels="3 Xposition Yposition Zposition 1 Xrotation" '
-    'values="0 0 0 0 0 0 0 45" enabled="true" loop="true" frameDuration="0.1"/></HAnimHumanoid>'
-)
 FEED = '<ROUTE fromNode="Clock" fromField="fraction_changed" toNode="Turn" toField="set_fraction"/>'
 ENDS = "</HAnimJoint></HAnimJoint></HAnimJoint>"
 DISPLACER = '<HAnimDisplacer DEF="d" name="bulge_action" coordIndex="5 6" displacements="0 0 1 0 0 2"/>'

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from figures import figure, wave
+from small_body import figure, wave
 from vitruvian.errors import FileError, VitruvianError, VitruvianWarning
 from vitruvian.formats.obj import read_mesh, read_obj, write_obj
 from vitruvian.hanim.humanoid import Humanoid

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from figures import figure, wave
+from small_body import figure, wave
 from vitruvian.body.types import Part
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid

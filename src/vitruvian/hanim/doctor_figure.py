@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ from vitruvian.hanim.graph import Node
 from vitruvian.hanim.view import name_of, walk_groups
 
 _WEIGHT_TOLERANCE = 1e-3
+_STRANGERS = 100  # names that are not in the tables, for which a near one is looked up
 _MIRROR_TOLERANCE = 0.02 / 1.75  # of the figure's stature
 
 
@@ -118,6 +120,7 @@ def _names(figure: Figure) -> None:
     add, text = figure.chart.add, figure.chart.text
     things = [(j, "joint") for j in figure.joints] + [(s, "segment") for s, _ in figure.segments]
     things += [(s, "site") for s in figure.sites]
+    strange = 0
     for node, kind in things:
         name = text(node, "name")
         if not name:
@@ -125,15 +128,19 @@ def _names(figure: Figure) -> None:
             fix = f"name='{derived}'" if derived and tables.canonical(derived, kind) else "give it its standard name"
             add("N01", node, f"{kind} without a name: nothing can address it", fix)
         elif kind == "joint" and tables.canonical(name) is None:
-            near = _near(name)
+            strange += 1
+            near = _near(name) if strange < _STRANGERS else ""
             if near:
                 add("N02", node, f"joint name {name} is not standard though close to one", f"name='{near}'")
             else:
                 add("N03", node, f"joint name {name} is not in the tables: taken for an addition")
-    for name, count in Counter(text(j, "name") for j in figure.joints).items():
-        if name and count > 1:
-            again = [j for j in figure.joints if text(j, "name") == name][1]
-            add("N04", again, f"{count} joints are called {name}: motion drives one of them", "rename the other")
+    alike: dict[str, list[Node]] = defaultdict(list)
+    for joint in figure.joints:
+        alike[text(joint, "name")].append(joint)
+    for name, joints in alike.items():
+        if name and len(joints) > 1:
+            message = f"{len(joints)} joints are called {name}: motion drives one of them"
+            add("N04", joints[1], message, "rename the other")
     for segment, joint in figure.segments:
         own = tables.canonical(text(segment, "name"), "segment")
         joint_name = tables.canonical(figure.name(joint))
@@ -143,6 +150,7 @@ def _names(figure: Figure) -> None:
             add("N07", segment, message, f"name='{wanted}'")
 
 
+@cache
 def _near(name: str) -> str:
     """The one standard joint name (of either version) within two edits, "" when none or several."""
     plain = "_".join(name.split()).lower()
@@ -150,7 +158,7 @@ def _near(name: str) -> str:
     for word in words:
         if word.lower() == plain:
             return word
-    if len(plain) < 5 or any(c.isdigit() for c in plain):  # vt3 and vt4 are one edit apart and both right
+    if not 5 <= len(plain) <= 40 or any(c.isdigit() for c in plain):  # vt3 and vt4 are one edit apart and both right
         return ""
     found = {w: d for w in words if abs(len(w) - len(plain)) <= 2 and (d := _edits(plain, w)) <= 2}
     nearest = [w for w, d in found.items() if d == min(found.values())]
@@ -179,6 +187,7 @@ def _tree(figure: Figure) -> None:
     if not tables.humanoid_root(root) and (whole or not tables.canonical(root)):  # a hand may start at its wrist
         fix = "make humanoid_root the root of the skeleton"
         add("T01", figure.joints[0], f"the skeleton starts at {root}, expected humanoid_root", fix)
+    present = {tables.canonical(n) for n in figure.names.values()}
     for node, parent in figure.twice:
         listed = "" if node in figure.listed else "; it is missing from joints, where it belongs"
         message = f"joint {figure.name(node)} is reached twice (again under {figure.chart.reading.who(parent)}){listed}"
@@ -192,7 +201,7 @@ def _tree(figure: Figure) -> None:
         if own == "vl5" and above == "sacroiliac" or own.endswith("sternoclavicular") and above == "vc7":
             add("T03", node, f"{own} hangs under {above}, as the schema's text has it; the standard says otherwise")
         elif above not in _ancestors(own):
-            wanted = next((a for a in _ancestors(own) if a in {tables.canonical(n) for n in figure.names.values()}), "")
+            wanted = next((a for a in _ancestors(own) if a in present), "")
             fix = f"hang it under {wanted}" if wanted else ""
             add("T02", node, f"{own} hangs under {above}, which is not above it in the standard", fix)
 

@@ -121,8 +121,9 @@ def routes(chart: Chart, figures: list[Figure]) -> None:
                     chart.add("M22", source, message, "", route.line)
                 elif source.type in _STEPS:
                     _interpolator(chart, source, f"{source.name}.fraction" in inputs)
+    used = {route.from_node for route in chart.scene.routes()}
     for node in chart.nodes:
-        if node.type == "TimeSensor" and any(r.from_node == node.name for r in chart.scene.routes()):
+        if node.type == "TimeSensor" and node.name in used:
             _timer(chart, node, driven, defs)
 
 

@@ -201,7 +201,11 @@ class Reading:
 
     def number(self, node: Node, field: str, default: float) -> float:
         """A single number."""
+        before = self.repairs
         array = self._numbers(node, field, "SFFloat")
+        if self.repairs > before:
+            self.mend(node, field, default)
+            return default
         if array is None or not len(array):
             return default
         if not np.isfinite(array[0]):
@@ -227,15 +231,26 @@ class Reading:
         raw = self.raw(node, field)
         if raw is None:
             return default
-        return str(parse(raw, "SFString", self.path)) if isinstance(raw, Literal) else str(raw)
+        value = self._strings(node, field, raw, "SFString", default)
+        return str(value)
 
     def texts(self, node: Node, field: str) -> list[str]:
         """A list of strings; an unquoted one counts as a list of one."""
         raw = self.raw(node, field)
         if raw is None:
             return []
-        value = parse(raw, "MFString", self.path) if isinstance(raw, Literal) else raw
+        value = self._strings(node, field, raw, "MFString", [])
         return [value] if isinstance(value, str) else [str(v) for v in value]  # type: ignore[union-attr]
+
+    def _strings(self, node: Node, field: str, raw: object, kind: str, default: object) -> object:
+        if not isinstance(raw, Literal):
+            return raw
+        try:
+            return parse(raw, kind, self.path)
+        except FileError as error:
+            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            self.mend(node, field, default)
+            return default
 
     def who(self, node: Node) -> str:
         """How messages call a node: its kind and its name or DEF."""

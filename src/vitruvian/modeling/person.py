@@ -84,14 +84,23 @@ def person(
         from vitruvian.modeling.measure import solved
 
         sliders = solved(sliders, wishes, kilograms)
-    return humanoid_of(sliders, loa=loa, name=name, seed=seed, **look)
+    return humanoid_of(sliders, loa=loa, name=name, seed=seed, stature=height, **look)
 
 
-def humanoid_of(sliders: Sliders, *, loa: int = 4, name: str = "person", seed: int = 0, **look: Any) -> Humanoid:
-    """The person of these sliders, without solving for measures."""
+def humanoid_of(
+    sliders: Sliders, *, loa: int = 4, name: str = "person", seed: int = 0, stature: float | None = None, **look: Any
+) -> Humanoid:
+    """The person of these sliders, without solving for measures.
+
+    `stature` (m) takes off the few millimetres by which straightening the legs changes the height.
+    """
     points = shaped(sliders)
     assembly = assemble(points, sliders, seed=seed, **look)
     where, centers, ends = rested(points, assembly)
+    tall = float(np.ptp(where[: source.BODY, 1]))
+    if stature is not None and abs(stature / tall - 1) < 0.02:
+        scale = stature / tall
+        where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
     weights = _weights(assembly.parents, loa)
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
@@ -120,6 +129,7 @@ def humanoid_of(sliders: Sliders, *, loa: int = 4, name: str = "person", seed: i
         skeleton=[joints["humanoid_root"]],
         skin=assembly.shapes,
         skin_coord=where,
+        made_from=sliders,
     )
 
 
@@ -230,14 +240,18 @@ def _centroid(points: Floats, triangles: Ints) -> Floats:
 
 def face_displacers(parents: csr_matrix) -> list[Displacer]:
     """The 52 face units as Displacers of the skull; the names carry the standard's suffix `_action`."""
+    units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
+    face = np.unique(np.concatenate([index for index, _ in units.values()]))
+    near = parents[:, face]
+    rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
+    near = near[rows]
     out = []
-    for unit in sorted(source.manifest()["faces"]):
-        index, offset = source.target(unit, "faces")
-        field = np.zeros((source.POINTS, 3))
-        field[index] = offset
-        moved = parents @ field
-        chosen = np.flatnonzero(np.abs(moved).max(axis=1) > LEAST_MOVE).astype(np.int32)
-        out.append(Displacer(action_name(unit), chosen, moved[chosen]))
+    for unit, (index, offset) in units.items():
+        field = np.zeros((len(face), 3))
+        field[np.searchsorted(face, index)] = offset
+        moved = near @ field
+        chosen = np.flatnonzero((np.abs(moved) > LEAST_MOVE).any(axis=1))
+        out.append(Displacer(action_name(unit), rows[chosen], moved[chosen]))
     return out
 
 

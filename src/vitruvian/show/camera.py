@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 
+Block = tuple[int, int, int, int]  # x0, y0, x1, y1 in pixels, ends excluded
 VIEWS = ("front", "side", "back", "three-quarter", "face", "hands")
 _AZIMUTH = {"front": 0.0, "three-quarter": 35.0, "side": 90.0, "back": 180.0}
 
@@ -51,15 +52,17 @@ class Camera:
         sy = (1 - 2 * np.asarray(y) / height) * half
         return sx[..., None] * axes[0] + sy[..., None] * axes[1] - axes[2]
 
-    def grid(self, size: tuple[int, int], offset: tuple[float, float], block: object = None) -> NDArray[np.float32]:
+    def grid(
+        self, size: tuple[int, int], offset: tuple[float, float], block: Block | None = None
+    ) -> NDArray[np.float32]:
         """`rays` (h,w,3) float32 at `offset` in the pixels of a block (x0, y0, x1, y1), by default all of them."""
-        x0, y0, x1, y1 = block or (0, 0, *size)  # type: ignore[misc]
+        x0, y0, x1, y1 = block or (0, 0, size[0], size[1])
         corner, right, down = self.rays(np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), size)  # affine in the pixel
         x = (np.arange(x0, x1) + offset[0])[:, None] * (right - corner)
         y = (np.arange(y0, y1) + offset[1])[:, None] * (down - corner) + corner
         return y.astype(np.float32)[:, None] + x.astype(np.float32)
 
-    def project(self, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    def project(self, points: NDArray[np.floating], size: tuple[int, int]) -> tuple[Floats, Floats]:
         """Pixel positions (...,2) and depths (...) along the viewing axis; positions behind the camera are NaN."""
         width, height = size
         local = (np.asarray(points, np.float64) - np.asarray(self.eye)) @ self.axes().T

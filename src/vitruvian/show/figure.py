@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Thing = Union["Humanoid", Body, Clip, Mesh, Motion]
-_BONE = Part("bone", 0, 0, (0.80, 0.78, 0.74), 0.45)
+_BONE = Part("bone", 0, 0, (0.66, 0.61, 0.53), 0.45)
 _WRISTS = ("{}_radiocarpal", "{}_wrist", "{}_hand")
 
 
-def pose(motion: Motion, times: Sequence[float]) -> Motion:
+def pose(motion: Motion, times: Sequence[float] | Array) -> Motion:
     """The motion at these times (seconds), one frame each: blended between frames, held or looped outside."""
     n = len(motion)
     at = np.asarray(times, np.float64) * motion.fps
@@ -90,7 +90,7 @@ class Figure:
             from vitruvian.deform.deformer import deformer as make
 
             self._deformer = make(deformer, self.body)
-        self._strongest = None
+        self._strongest: NDArray[np.int32] | None = None
         self._sparse = self.body is not None and _sparse(self.body)
         self._creases = (
             creases(self.body.skin.rest, self.body.skin.triangles, self.body.skin.parts) if self.body else None
@@ -129,6 +129,7 @@ class Figure:
     def _matrices(self, times: Sequence[float]) -> tuple[Array, dict[str, Array]]:
         from vitruvian.body.kinematics import joint_matrices
 
+        assert self.skeleton is not None
         if self.motion is None:
             return np.repeat(joint_matrices(self.skeleton).reshape(1, -1, 4, 4), len(times), axis=0), {}
         posed = pose(self.motion, times)
@@ -205,12 +206,13 @@ class Figure:
 
     def _below(self, joint: int) -> NDArray[np.int64]:
         """Skin vertices that follow this joint or one below it most, and belong to a drawn triangle."""
-        skin, s = self.body.skin, self.skeleton  # type: ignore[union-attr]
+        assert self.body is not None
+        skin, s = self.body.skin, self.body.skeleton
         if self._strongest is None:
             self._strongest = skin.weights.top(1)[0][:, 0]
-        under = np.zeros(len(s), bool)  # type: ignore[arg-type]
+        under = np.zeros(len(s), bool)
         under[joint] = True
-        for j, parent in enumerate(s.parents):  # type: ignore[union-attr]
+        for j, parent in enumerate(s.parents):
             under[j] |= parent >= 0 and under[parent]
         drawn = np.zeros(len(skin.rest), bool)
         drawn[skin.triangles] = True

@@ -28,7 +28,8 @@ def openness(
     """(V,) in 0..1: how much of the cosine-weighted half space above each vertex nothing nearer than `reach` hides.
 
     points (V,3) metres, triangles (T,3). With `owner` (V,) joints and `apart` (J,J) metres between them along the
-    skeleton, surfaces of joints further apart than `JOINED` do not shade each other: a hand leaves the thigh. Hits count less with distance. Ambient occlusion by ray casting (Embree);
+    skeleton, surfaces of joints further apart than `JOINED` do not shade each other: a hand leaves the thigh.
+    Hits count less with distance. Ambient occlusion by ray casting (Embree);
     all ones where embreex is missing. The directions are fixed: the same mesh gives the same answer.
     """
     count = len(points)

@@ -110,6 +110,8 @@ class Shot:
 
     def __post_init__(self) -> None:
         self.count = self.size[0] * self.size[1]
+        away = float(np.linalg.norm(self.camera.eye))
+        self.pixel = 2 * away * float(np.tan(self.camera.fov / 2)) / self.size[1]  # metres, at the subject
         self.color = np.zeros((self.count, 3), np.float32)
         self.cover = np.zeros(self.count, np.float32)
 
@@ -191,7 +193,7 @@ class Shot:
             normal, unit(soft), view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
             soup.metallic[part], sky[owner], lit[owner],
         )  # fmt: skip
-        light = shade(s, self.studio, self.heading) * share[:, None]
+        light = shade(s, self.studio, self.heading, self.pixel) * share[:, None]
         where = pixel[first[owner]]
         for i in range(3):
             self.color[:, i] += np.bincount(where, light[:, i], minlength=self.count).astype(np.float32)

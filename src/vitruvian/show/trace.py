@@ -10,6 +10,7 @@ that the mean of a 4 x 4 block of neighbours has sixteen times as many.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from vitruvian.errors import warn
 from vitruvian.show.camera import Camera
 
-Single = NDArray[np.float32]
+Single = NDArray[np.floating]  # float32 where it is large
 Ints = NDArray[np.int32]
 Pixels = NDArray[np.int64]
 ROWS = 16
@@ -144,7 +145,7 @@ class Embree:
         return _by_chunks(points, row, lambda p, r, s: self.open(p, towards[r]))
 
 
-def _by_chunks(points: Single, row: Ints, work) -> Single:  # type: ignore[no-untyped-def]
+def _by_chunks(points: Single, row: Ints, work: Callable[[Single, Ints, slice], Single]) -> Single:
     out = np.ones(len(points), np.float32)
     for start in range(0, len(points), 65536):
         s = slice(start, start + 65536)
