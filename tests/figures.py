@@ -1,19 +1,9 @@
-<<<<<<< HEAD
-"""Skeletons for tests: the standard's default figure at any level of articulation, other rests of it, other rigs."""
-=======
 """A small figure that nothing is wrong with; tests break it on purpose."""
->>>>>>> main
 
 from __future__ import annotations
 
 import numpy as np
 
-<<<<<<< HEAD
-from vitruvian.body.rotations import from_axis_angle, rotate
-from vitruvian.body.types import Skeleton
-from vitruvian.hanim.tables import default_centers, joints_at, parent_at
-from vitruvian.motion.turns import positions, world_rotations
-=======
 from vitruvian.formats.x3d import parse_x3d
 from vitruvian.hanim import tables
 from vitruvian.hanim.graph import Scene
@@ -79,7 +69,6 @@ DEF Nobody Body { name "nobody" skeleton [ ] humanoidBody [
   ] } ]
   joints [ USE nobody_root USE nobody_l_hip ] }
 """
->>>>>>> main
 
 
 def broken(old: str, new: str, count: int = 1) -> Scene:
@@ -92,40 +81,6 @@ def good() -> Scene:
     return parse_x3d(GOOD.encode(), "tin.x3d")
 
 
-<<<<<<< HEAD
-def renamed(skeleton: Skeleton, names: dict[str, str]) -> Skeleton:
-    """Other names for the same joints; those not named get names nobody knows."""
-    new = tuple(names.get(n, f"part{i}") for i, n in enumerate(skeleton.names))
-    return Skeleton(
-        new,
-        skeleton.parents,
-        skeleton.centers,
-        site_names=skeleton.site_names,
-        site_joints=skeleton.site_joints,
-        site_points=skeleton.site_points,
-    )
-
-
-def scaled_legs(skeleton: Skeleton, factor: float) -> Skeleton:
-    """Thighs and shanks longer or shorter, feet as they are, standing on the same floor."""
-    centers = skeleton.centers.copy()
-    for side in "lr":
-        hip, knee, ankle = (skeleton.index[f"{side}_{n}"] for n in ("hip", "knee", "talocrural"))
-        old = skeleton.centers
-        new_knee = centers[hip] + (old[knee] - old[hip]) * factor
-        new_ankle = new_knee + (old[ankle] - old[knee]) * factor
-        shift = new_ankle - old[ankle]
-        centers[knee] = new_knee
-        for j in range(len(skeleton)):
-            k = j
-            while k >= 0 and k != ankle:
-                k = skeleton.parents[k]
-            if k == ankle:
-                centers[j] = old[j] + shift
-    lift = (skeleton.centers[skeleton.index["l_talocrural"]] - centers[skeleton.index["l_talocrural"]])[1]
-    centers[:, 1] += lift
-    return Skeleton(skeleton.names, skeleton.parents, centers)
-=======
 def typed(loa: int = 1, *, skin: bool = True, version: str = "2.0") -> Humanoid:
     """A typed figure of that level: a quad of skin (or a triangle of segment geometry) per joint, a site, a clip."""
     centers = tables.default_centers(version)
@@ -174,4 +129,3 @@ def typed(loa: int = 1, *, skin: bool = True, version: str = "2.0") -> Humanoid:
         Track(names[0], "translation", keys, walk, 2.0, True, "wave"),
     ]
     return h
->>>>>>> main

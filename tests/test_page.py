@@ -10,10 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-=======
-from capsules import about, capsule_body, capsule_clip, stride
->>>>>>> main
 
 from capsules import about, capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices

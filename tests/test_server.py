@@ -11,10 +11,6 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-=======
-from capsules import capsule_clip
->>>>>>> main
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 

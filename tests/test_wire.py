@@ -6,10 +6,6 @@ import json
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-=======
-from capsules import capsule_body, capsule_clip, stride
->>>>>>> main
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
