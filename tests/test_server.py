@@ -11,15 +11,15 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from capsules import capsule_clip
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from capsules import capsule_clip
 from vitruvian.errors import VitruvianError
+from vitruvian.show.actors import actors_of
 from vitruvian.show.live import show
 from vitruvian.show.recording import messages
 from vitruvian.show.server import FILES, FOLDER, IN_FLIGHT, Server, Showing
-from vitruvian.show.actors import actors_of
 from vitruvian.show.wire import decode
 
 
@@ -87,7 +87,8 @@ def test_the_files_of_the_page_are_served_with_a_policy(window):
 @pytest.mark.parametrize(
     "path",
     ["/../server.py", "/%2e%2e/server.py", "/..%2fserver.py", "//etc/passwd", "/etc/passwd", "/main.js%00", "/vendor/",
-     "/vendor/../main.js", "/index.html", "/main.js/", "/%c0%ae%c0%ae/server.py", "/" + "a" * 9000, "/vendor/LICENSE-three.txt"],
+     "/vendor/../main.js", "/index.html", "/main.js/", "/%c0%ae%c0%ae/server.py", "/" + "a" * 9000,
+     "/vendor/LICENSE-three.txt"],
 )  # fmt: skip
 def test_other_paths_are_not_found(window, path):
     status, _, body = get(parts(window)[0], path)
@@ -126,7 +127,9 @@ def test_foreign_origins_and_hosts_get_no_socket(window):
 
 @pytest.mark.parametrize(
     "first",
-    ['{"type": "hello", "token": "", "version": 1}', '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "", "{",
+    ['{"type": "hello", "token": "", "version": 1}',
+     '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "",
+     "{",
      '{"type": "hello", "version": 1}', b"\x00\x01", '{"type": "hello", "token": "%s", "version": 1}' % ("0" * 32)],
 )  # fmt: skip
 def test_nothing_is_sent_before_the_right_token(window, first):
@@ -234,9 +237,9 @@ def test_transport_does_what_it_says(window):
         ask(type="speed", value=2)
         ask(type="play")
         a, _ = until(lambda h: h["playing"] and h["speed"] == 2)
-        time.sleep(0.4)
-        b, _ = until(lambda h: True)
-        assert b["round"] * 36 + b["frame"] > a["round"] * 36 + a["frame"] + 10
+        start, began = a["round"] * 36 + a["frame"], time.monotonic()
+        until(lambda h: h["round"] * 36 + h["frame"] > start + 40)  # over the end of the loop, 60 frames a second
+        assert 0.4 < time.monotonic() - began < 4
         ask(type="speed", value=1)
 
 
