@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from figures import GOOD, MOTION, VRML
+from scene_figure import GOOD, MOTION, VRML
 from vitruvian.errors import FileError, VitruvianError
 from vitruvian.formats.vrml import parse_vrml
 from vitruvian.formats.x3d import parse_x3d
