@@ -49,8 +49,8 @@ def write_vrml(scene: Scene, path: str | os.PathLike[str]) -> list[str]:
 
     A scene that was read from XML is written in the language of the path's extension (.wrl: VRML97, else Classic X3D).
     Returns what the language can't hold (one line each, [] when nothing). The file appears whole or not at all.
-    FileError when the folder isn't writable, VitruvianError when the graph can't be a file (a node inside itself, a
-    number that isn't finite).
+    VitruvianError when the folder isn't writable or when the graph can't be a file (a node inside itself, a number that
+    isn't finite).
     """
     encoding = scene.encoding
     if encoding not in ("wrl", "x3dv"):
