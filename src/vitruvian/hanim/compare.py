@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vitruvian.errors import FileError
-from vitruvian.hanim.fields import type_of
+from vitruvian.hanim.fields import fields_of, type_of
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.values import bare, default_of, parse, text_of, translate
 
@@ -135,7 +135,7 @@ def _fields(node: Node, typed: bool) -> dict[str, object]:
     if not typed:
         return node.fields
     fields = {_RENAMED.get((node.type, name), name): value for name, value in node.fields.items()}
-    if node.text:  # VRML has a Script's program among its urls
+    if node.text and "url" in fields_of(node.type):  # VRML has a Script's program among its urls
         url = fields.get("url")
         fields["url"] = [*(parse(url, "MFString") if isinstance(url, Literal) else url or []), node.text]  # type: ignore[misc]
     return fields
@@ -186,7 +186,7 @@ def _canonical(value: object, kind: str) -> object:
             try:
                 value = parse(value, kind)
             except FileError:
-                return " ".join(words.split())
+                return " ".join(words.replace(",", " ").split()).strip("[ ]")
         else:
             text = bare(value) if value.syntax == "vrml" else translate(value, "", "vrml") or value.text
             return " ".join(text.replace(",", " ").split()).strip("[ ]")

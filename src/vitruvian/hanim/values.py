@@ -38,7 +38,7 @@ _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
-_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+")
+_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
 _CHUNK = 1 << 20
 
 
@@ -116,7 +116,7 @@ def _pieces(text: str) -> list[str]:
 def _check_characters(literal: Literal, text: str, path: object) -> None:
     """float() and int() take underscores and digits of other scripts; X3D doesn't."""
     if "_" in text or not text.isascii():
-        bad = next(t for t in text.split() if "_" in t or not t.isascii())
+        bad = next(t for t in re.split(r"[ \t\n\r\f\v]+", text) if "_" in t or not t.isascii())
         raise _malformed(literal, bad, path, "a number")
 
 
