@@ -177,11 +177,11 @@ class Shot:
         mean = np.add.reduceat(mixed, first, axis=0) / counts[:, None].astype(np.float32)
         calm = dot(mean[:, 3:6], mean[:, 3:6]) > CALM**2
         busy = np.flatnonzero(~calm[group])
-        calm = np.flatnonzero(calm)
-        owner = np.concatenate([calm, group[busy]])
-        mixed = np.concatenate([mean[calm], mixed[busy]])
-        part = np.concatenate([part[first[calm]], part[busy]])
-        share = np.concatenate([np.add.reduceat(share, first)[calm], share[busy]])
+        one = np.flatnonzero(calm)
+        owner = np.concatenate([one, group[busy]])
+        mixed = np.concatenate([mean[one], mixed[busy]])
+        part = np.concatenate([part[first[one]], part[busy]])
+        share = np.concatenate([np.add.reduceat(share, first)[one], share[busy]])
 
         point, normal, soft, albedo, rest = (mixed[:, i : i + 3] for i in range(0, 15, 3))
         view = unit(eye - point)

@@ -23,11 +23,11 @@ class Surface:
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
-    normals: NDArray[np.float64] | None = None
+    normals: NDArray[np.floating] | None = None
     colors: NDArray[np.float64] | None = None
     parts: tuple[Part, ...] = ()
     rest: NDArray[np.float64] | None = None
-    soft: NDArray[np.float64] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
+    soft: NDArray[np.floating] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
 
 
 def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
