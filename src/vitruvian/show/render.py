@@ -158,37 +158,35 @@ class Shot:
         first = np.flatnonzero(fresh)
         counts = np.diff(first, append=len(pixel))
         group = np.repeat(np.arange(len(first)), counts)
-        corners = soup.corners[hits.triangle]
-        u, v = hits.u[:, None], hits.v[:, None]
-        mixed = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-        face = soup.faces[hits.triangle]
         eye = np.asarray(self.camera.eye, np.float32)
-        # surfaces seen from behind are lit from behind
-        away = dot(face, eye - mixed[:, :3]) < 0
-        face = np.where(away[:, None], -face, face)
-        mixed[:, 3:6], mixed[:, 6:9] = unit(mixed[:, 3:6]), unit(mixed[:, 6:9])
-        mixed[away, 3:9] *= -1
+        # surfaces seen from behind are lit from behind; a plane has one side towards the eye
+        behind = dot(soup.faces, eye - soup.corners[:, 0, :3]) < 0
+        away = behind[hits.triangle]
+        shades = _mixed(soup.corners[:, :, 3:9], hits)  # normal and colour, of all samples
+        shades[:, :3] = unit(shades[:, :3]) * np.where(away, -1, 1).astype(np.float32)[:, None]
+        # where the surface is smooth, one sample stands for its group: with the mean normal and colour
+        mean = np.add.reduceat(shades, first, axis=0) / counts[:, None].astype(np.float32)
+        calm = dot(mean[:, :3], mean[:, :3]) > CALM**2
 
-        start = _above(mixed[first, :3], corners[first], hits.u[first], hits.v[first], away[first])
-        start += face[first] * np.float32(1.5e-4 * self.reach)
-        sky, lit = self._light(start, mixed[first, 3:6], pixel[first])
+        places = _mixed(soup.corners[:, :, :3], hits[first])
+        start = _above(places, soup.corners[hits.triangle[first]], hits.u[first], hits.v[first], away[first])
+        start += np.where(away[first], -1, 1)[:, None] * soup.faces[hits.triangle[first]] * (1.5e-4 * self.reach)
+        sky, lit = self._light(start.astype(np.float32), shades[first, :3], pixel[first])
 
-        # where the surface is smooth, one sample stands for its group: the mean
-        mean = np.add.reduceat(mixed, first, axis=0) / counts[:, None].astype(np.float32)
-        calm = dot(mean[:, 3:6], mean[:, 3:6]) > CALM**2
-        busy = np.flatnonzero(~calm[group])
-        one = np.flatnonzero(calm)
+        one, busy = np.flatnonzero(calm), np.flatnonzero(~calm[group])
         owner = np.concatenate([one, group[busy]])
-        mixed = np.concatenate([mean[one], mixed[busy]])
-        part = np.concatenate([part[first[one]], part[busy]])
+        which = np.concatenate([first[one], busy])
+        shades = np.concatenate([mean[one], shades[busy]])
         share = np.concatenate([np.add.reduceat(share, first)[one], share[busy]])
-
-        point, normal, soft, albedo, rest = (mixed[:, i : i + 3] for i in range(0, 15, 3))
+        hits, part = hits[which], part[which]
+        normal, albedo = unit(shades[:, :3]), shades[:, 3:]
+        point, soft, rest = (_mixed(soup.corners[:, :, i : i + 3], hits) for i in (0, 9, 12))
+        soft = unit(soft) * np.where(away[which], -1, 1).astype(np.float32)[:, None]
         view = unit(eye - point)
         lack = np.minimum(dot(normal, view) - 0.02, 0)  # grazing smooth normals are bent back into view
         normal = unit(normal - lack[:, None] * view)
         s = Samples(
-            normal, unit(soft), view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
+            normal, soft, view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
             soup.metallic[part], sky[owner], lit[owner],
         )  # fmt: skip
         light = shade(s, self.studio, self.heading, self.pixel) * share[:, None]
@@ -210,6 +208,15 @@ class Shot:
         thick = float(np.clip(4 * self.pixel, 1e-4 * self.reach, 4e-3 * self.reach))
         both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, thick)
         return both[:, 0], both[:, 1]
+
+
+def _mixed(corners: Single, hits: Hits) -> Single:
+    """Values (n,k) at the hits of values (T,3,k) at the corners of all triangles."""
+    c = corners[hits.triangle]
+    out = c[:, 0] * (1 - hits.u - hits.v)[:, None]
+    out += c[:, 1] * hits.u[:, None]
+    out += c[:, 2] * hits.v[:, None]
+    return out
 
 
 def _above(point: Single, corners: Single, u: Single, v: Single, away: NDArray) -> Single:
