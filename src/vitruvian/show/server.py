@@ -2,7 +2,7 @@
 
 It binds to the loopback interface only. Data flows only over the WebSocket, only after its first message carried the
 token (128 bits, in the fragment of the address, which browsers do not send), and only from a page of our own origin:
-`Host` and `Origin` are checked against the addresses that this server has. No path, code or upload exists in any message.
+`Host` and `Origin` are checked against the addresses that this server has. No message holds a path, code or an upload.
 """
 
 from __future__ import annotations
