@@ -224,19 +224,21 @@ export class Studio {
   }
 
   /** Move the camera along with the point that is followed. */
-  track(point, dt) {
+  track(point, dt, playing) {
     if (!this.followed) { this.followed = point.clone(); this.pace = new THREE.Vector3(); return; }
     const step = point.clone().sub(this.followed);
     step.y = Math.abs(step.y) > 0.5 ? step.y : 0; // bobbing is the figure's, not the camera's
+    if (!playing) this.pace.set(0, 0, 0);
+    if (!playing && step.length() < 1e-4) return;
     if (step.length() > 1) this.pace.set(0, 0, 0); // a cut: go there at once
     else { // an alpha-beta filter: smooth, and without lag behind a steady walk
       const a = 1 - Math.exp(-3.5 * dt), error = step.addScaledVector(this.pace, -dt);
       const move = this.pace.clone().multiplyScalar(dt).addScaledVector(error, a);
-      if (dt > 0) this.pace.addScaledVector(error, (a * a) / (2 - a) / dt);
+      if (dt > 0 && playing) this.pace.addScaledVector(error, (a * a) / (2 - a) / dt);
       step.copy(move);
     }
     this.followed.add(step);
-    if (this.follow) this.shift(step);
+    if (this.follow) { this.shift(step); this.stale = true; }
   }
 
   shift(step) {
