@@ -17,8 +17,8 @@ BONES = [
     ("vc4", "vt6", (0, 1.48, 0), 0.06),
     ("skullbase", "vc4", (0, 1.6, 0.01), 0.1),
     *[
-        (f"{s}_{name}", f"{s}_{parent}" if parent in ("shoulder", "elbow", "wrist", "hip", "knee", "talocrural") else parent,
-         (x if s == "l" else -x, y, z), r)
+        (f"{s}_{name}",
+         parent if parent in ("vt6", "humanoid_root") else f"{s}_{parent}", (x if s == "l" else -x, y, z), r)
         for s in "lr"
         for name, parent, (x, y, z), r in [
             ("shoulder", "vt6", (0.19, 1.42, 0), 0.06),

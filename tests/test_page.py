@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from capsules import about, capsule_body, capsule_clip, stride
 
+from capsules import about, capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.types import Body, Weights
 from vitruvian.deform.deformer import deformer
@@ -23,7 +23,13 @@ from vitruvian.stage.clip import Clip, Mesh
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 FINDINGS = [
-    {"rule": "limits", "severity": "warning", "where": "Joint l_elbow", "line": 12, "message": "<b>llimit</b> above ulimit"},
+    {
+        "rule": "limits",
+        "severity": "warning",
+        "where": "Joint l_elbow",
+        "line": 12,
+        "message": "<b>llimit</b> above ulimit",
+    },
     {"rule": "name", "severity": "error", "where": "Segment x", "message": "unknown name", "fix": "rename it"},
 ]
 
@@ -166,7 +172,7 @@ def test_poses_and_displacers_set_by_hand_are_what_forward_kinematics_gives(brow
         choose(page, "log")
         with page.expect_download() as saved:
             page.get_by_test_id("export-pose").click()
-        pose = json.loads(open(saved.value.path()).read())
+        pose = json.loads(saved.value.path().read_text())
         axis, angle = np.array(pose["l_elbow"][:3]), pose["l_elbow"][3]
         np.testing.assert_allclose([*(axis * np.sin(angle / 2)), np.cos(angle / 2)], rotation[0, 6], atol=1e-4)
 
@@ -258,7 +264,7 @@ def test_something_is_drawn_and_every_view_differs(browser, tmp_path):
         assert page.evaluate("vitruvian.selected") == "l_elbow"
         with page.expect_download() as saved:
             page.get_by_test_id("export").click()
-        assert open(saved.value.path(), "rb").read(8) == b"\x89PNG\r\n\x1a\n"
+        assert saved.value.path().read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_the_weight_map_has_the_colours_of_its_bar(browser, tmp_path):
@@ -285,7 +291,8 @@ def test_the_weight_map_has_the_colours_of_its_bar(browser, tmp_path):
         print(found)
         values = {joint: value for joint, value, _ in found}
         assert all(distance < 24 for *_, distance in found)
-        assert values["l_knee"] < 0.03 and values["vt6"] > 0.5
+        # the front of the shoulder's capsule hangs on vt6 by 0.7, the top of the trunk's by 0.3, the knee not at all
+        assert values["l_knee"] < 0.01 and abs(values["l_shoulder"] - 0.7) < 0.02 and abs(values["vt6"] - 0.3) < 0.02
 
 
 def test_a_page_comes_back_when_its_server_does(browser):
@@ -313,7 +320,10 @@ def test_two_things_and_a_mesh_without_joints_are_shown(browser):
         np.array([[x, y, z] for x in (0.5, 0.7) for y in (0.0, 0.2) for z in (0.0, 0.2)]),
         [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]],
     )
-    with show(capsule_clip(vertices=800), box, open_browser=False, block=False) as window, opened(browser, window.url) as page:
+    with (
+        show(capsule_clip(vertices=800), box, open_browser=False, block=False) as window,
+        opened(browser, window.url) as page,
+    ):
         assert [a["joints"] for a in page.evaluate("vitruvian.actors")] == [21, 0]
     with show(box, open_browser=False, block=False) as window, opened(browser, window.url) as page:
         page.keyboard.press("w")
@@ -322,7 +332,12 @@ def test_two_things_and_a_mesh_without_joints_are_shown(browser):
 
 
 def test_a_long_clip_of_a_full_skeleton_stays_below_20_megabytes(tmp_path):
-    made = record(capsule_clip(joints=146, vertices=20_000, frames=994), tmp_path / "long.html")
+    clip = capsule_clip(joints=146, vertices=20_000, frames=994)
+    shake = (
+        np.random.default_rng(3).normal(size=clip.motion.rotation.shape) * 0.02
+    )  # nothing repeats, as in captured motion
+    motion = replace(clip.motion, rotation=clip.motion.rotation + shake)
+    made = record(replace(clip, motion=motion), tmp_path / "long.html")
     print(f"994 frames, 146 joints, 20,000 vertices: {made['bytes'] / 1e6:.1f} MB")
     assert made["bytes"] < 20e6
 
@@ -332,7 +347,7 @@ def test_twenty_thousand_vertices_play_at_thirty_frames_a_second(browser, tmp_pa
     with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
         page.wait_for_timeout(4000)
         rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")
-    print(f"{rate} pictures per second, {actors[0]['vertices']} vertices, quality {quality}, load {os.getloadavg()[0]:.1f}")
+    print(f"{rate} pictures per second, {actors[0]['vertices']} vertices, {quality}, load {os.getloadavg()[0]:.1f}")
     assert rate > 5
     if os.getloadavg()[0] > 1.5:
         pytest.skip(f"the machine is busy (load {os.getloadavg()[0]:.1f}): {rate} pictures per second say nothing")

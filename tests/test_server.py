@@ -11,15 +11,15 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from capsules import capsule_clip
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from capsules import capsule_clip
 from vitruvian.errors import VitruvianError
+from vitruvian.show.actors import actors_of
 from vitruvian.show.live import show
 from vitruvian.show.recording import messages
 from vitruvian.show.server import FILES, FOLDER, IN_FLIGHT, Server, Showing
-from vitruvian.show.actors import actors_of
 from vitruvian.show.wire import decode
 
 
@@ -47,7 +47,11 @@ def get(port, path, method="GET", **headers):
 def dial(window, origin=None, **options):
     port, _ = parts(window)
     return connect(
-        f"ws://127.0.0.1:{port}/stream", origin=origin or f"http://127.0.0.1:{port}", max_size=None, open_timeout=5, **options
+        f"ws://127.0.0.1:{port}/stream",
+        origin=origin or f"http://127.0.0.1:{port}",
+        max_size=None,
+        open_timeout=5,
+        **options,
     )
 
 
@@ -83,7 +87,8 @@ def test_the_files_of_the_page_are_served_with_a_policy(window):
 @pytest.mark.parametrize(
     "path",
     ["/../server.py", "/%2e%2e/server.py", "/..%2fserver.py", "//etc/passwd", "/etc/passwd", "/main.js%00", "/vendor/",
-     "/vendor/../main.js", "/index.html", "/main.js/", "/%c0%ae%c0%ae/server.py", "/" + "a" * 9000, "/vendor/LICENSE-three.txt"],
+     "/vendor/../main.js", "/index.html", "/main.js/", "/%c0%ae%c0%ae/server.py", "/" + "a" * 9000,
+     "/vendor/LICENSE-three.txt"],
 )  # fmt: skip
 def test_other_paths_are_not_found(window, path):
     status, _, body = get(parts(window)[0], path)
@@ -101,19 +106,30 @@ def test_other_methods_and_foreign_hosts_are_refused(window):
 
 def test_foreign_origins_and_hosts_get_no_socket(window):
     port, _ = parts(window)
-    for origin in ("http://evil.example", "null", f"http://localhost:{port}", f"https://127.0.0.1:{port}", "http://127.0.0.1"):
+    for origin in (
+        "http://evil.example",
+        "null",
+        f"http://localhost:{port}",
+        f"https://127.0.0.1:{port}",
+        "http://127.0.0.1",
+    ):
         with pytest.raises(InvalidStatus), dial(window, origin):
             pass
     with pytest.raises(InvalidStatus), connect(f"ws://127.0.0.1:{port}/stream"):
         pass
-    with pytest.raises((InvalidStatus, ConnectionClosed)), dial(window, additional_headers={"Host": "evil.example"}) as ws:
+    with (
+        pytest.raises((InvalidStatus, ConnectionClosed)),
+        dial(window, additional_headers={"Host": "evil.example"}) as ws,
+    ):
         hello(window, ws)
         ws.recv(timeout=3)
 
 
 @pytest.mark.parametrize(
     "first",
-    ['{"type": "hello", "token": "", "version": 1}', '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "", "{",
+    ['{"type": "hello", "token": "", "version": 1}',
+     '{"type": "hello", "token": "é", "version": 1}', '{"type": "play"}', "",
+     "{",
      '{"type": "hello", "version": 1}', b"\x00\x01", '{"type": "hello", "token": "%s", "version": 1}' % ("0" * 32)],
 )  # fmt: skip
 def test_nothing_is_sent_before_the_right_token(window, first):
@@ -150,7 +166,9 @@ def test_bad_requests_are_answered_and_the_third_closes(window):
     with dial(window) as ws:
         hello(window, ws)
         receive(ws, "mesh")
-        for n, bad in enumerate(['{"type": "exec"}', '{"type": "deformer", "actor": "capsules", "name": "x"}', "[]"], 1):
+        for n, bad in enumerate(
+            ['{"type": "exec"}', '{"type": "deformer", "actor": "capsules", "name": "x"}', "[]"], 1
+        ):
             ws.send(bad)
             header, _ = receive(ws, "error")
             assert header["strikes"] == n and "\n" not in header["message"]
@@ -170,7 +188,9 @@ def test_oversized_and_fuzzed_frames_do_not_hurt_the_server(window):
             hello(window, ws)
             try:
                 for _ in range(4):
-                    ws.send(rng.randbytes(rng.randrange(300)) if rng.random() < 0.5 else rng.randbytes(50).decode("latin-1"))
+                    ws.send(
+                        rng.randbytes(rng.randrange(300)) if rng.random() < 0.5 else rng.randbytes(50).decode("latin-1")
+                    )
             except ConnectionClosed:
                 pass
     for _ in range(20):
@@ -217,9 +237,9 @@ def test_transport_does_what_it_says(window):
         ask(type="speed", value=2)
         ask(type="play")
         a, _ = until(lambda h: h["playing"] and h["speed"] == 2)
-        time.sleep(0.4)
-        b, _ = until(lambda h: True)
-        assert b["round"] * 36 + b["frame"] > a["round"] * 36 + a["frame"] + 10
+        start, began = a["round"] * 36 + a["frame"], time.monotonic()
+        until(lambda h: h["round"] * 36 + h["frame"] > start + 40)  # over the end of the loop, 60 frames a second
+        assert 0.4 < time.monotonic() - began < 4
         ask(type="speed", value=1)
 
 

@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from capsules import capsule_body, capsule_clip, stride
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capsules import capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import actors_of, mesh_message, sample, turned
@@ -185,3 +185,21 @@ def test_several_things_get_names_that_differ_and_nothing_is_refused():
         actors_of([])
     with pytest.raises(VitruvianError, match="found int"):
         actors_of([3])
+
+
+def test_openness_of_a_box_on_a_floor_and_of_things_that_only_lie_near():
+    from vitruvian.show.openness import openness
+
+    x, z = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
+    floor = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    quad = np.array([[i, i + 41, i + 1] for i in range(40 * 41) if i % 41 < 40])
+    other = np.array([[i + 1, i + 41, i + 42] for i in range(40 * 41) if i % 41 < 40])
+    lid = np.array([[-0.2, 0.02, -0.2], [0.2, 0.02, -0.2], [0.2, 0.02, 0.2], [-0.2, 0.02, 0.2]])
+    n = len(floor)
+    points = np.concatenate([floor, lid])
+    triangles = np.concatenate([quad, other, [[n, n + 1, n + 2], [n, n + 2, n + 3]]]).astype(np.int32)
+    open_ = openness(points, triangles)[:n].reshape(41, 41)
+    assert open_[20, 20] < 0.35 and open_[2, 2] > 0.99 and open_[0, 40] > 0.99
+    owner = np.r_[np.zeros(n), np.ones(4)].astype(np.int32)
+    apart = np.array([[0.0, 2.0], [2.0, 0.0]])
+    assert openness(points, triangles, owner, apart)[:n].min() > 0.99

@@ -237,7 +237,7 @@ class _Reader:
         line = lexer.line()
         if word == "USE":
             name = lexer.name("a name after USE")
-            target, size = self.scopes.use(name)
+            target, size = self.scopes.use(name, line)
             self.scopes.count(line, 1)
             self.sizes[-1] += size
             return Use(name, target, line), None

@@ -221,7 +221,7 @@ class _Reader:
     def use(self, top: _Open, tag: str, attributes: dict[str, str], line: int, container: str, instance: bool) -> None:
         if "DEF" in attributes:
             warn(f"{self.path}:{line}: <{tag}> has DEF and USE; the USE counts")
-        target, size = self.scopes.use(attributes["USE"])
+        target, size = self.scopes.use(attributes["USE"], line)
         use = Use(attributes["USE"], target, line, container, tag)
         self.scopes.count(line, 1)
         top.size += size

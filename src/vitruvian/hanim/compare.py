@@ -9,7 +9,7 @@ import numpy as np
 from vitruvian.errors import FileError
 from vitruvian.hanim.fields import type_of
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
-from vitruvian.hanim.values import default_of, parse, text_of, translate
+from vitruvian.hanim.values import bare, default_of, parse, text_of, translate
 
 _Pair = tuple[str, object, object, Mapping[str, Proto]]
 _RENAMED = {("Switch", "choice"): "children", ("LOD", "level"): "children", ("Collision", "collide"): "enabled"}
@@ -147,15 +147,16 @@ def _value(
     if typed:
         one, other = ([v] if isinstance(v, Node | Use) else v for v in (one, other))
         if kind in ("SFNode", "MFNode", "") or isinstance(one, list) or isinstance(other, list):
-            one, other = ([] if _empty(v) else v for v in (one, other))
+            one, other = ([] if _empty(v, kind) else v for v in (one, other))
     if isinstance(one, Node | Use) or (isinstance(one, list) and _graph(one)):
         return [(where, one, other, protos)]
     found = _values(where, one, other, kind, typed)
     return found or []
 
 
-def _empty(value: object) -> bool:
-    return value is None or (isinstance(value, Literal) and value.text.strip(" \t\n,[]") in ("", "NULL"))
+def _empty(value: object, kind: str) -> bool:
+    empty = ("", "NULL") if kind else ("", "NULL", '""')
+    return value is None or (isinstance(value, Literal) and bare(value).strip(" \t\n,[]") in empty)
 
 
 def _values(where: str, one: object, other: object, kind: str, typed: bool) -> str:
@@ -184,7 +185,7 @@ def _canonical(value: object, kind: str) -> object:
             except FileError:
                 return " ".join(value.text.split())
         else:
-            text = translate(value, "", "vrml") or value.text
+            text = bare(value) if value.syntax == "vrml" else translate(value, "", "vrml") or value.text
             return " ".join(text.replace(",", " ").split()).strip("[ ]")
     return None if value is None else text_of(value, kind, "vrml")
 

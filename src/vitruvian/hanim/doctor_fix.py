@@ -201,7 +201,7 @@ def _weights(figure: Figure, taken: set[str]) -> Iterator[str]:
             yield f"joint {figure.name(joint)} has {n} weights for {n} indices (S01)"
         if len(np.unique(index)) < len(index):
             index, where = np.unique(index, return_inverse=True)
-            weight = np.bincount(where, weight, minlength=len(index))
+            weight = np.bincount(where, weight, minlength=len(index)).astype(np.float64)
             changed.add(id(joint))
             yield f"joint {figure.name(joint)} names each vertex once (S06)"
         pairs[id(joint)] = (index, weight)

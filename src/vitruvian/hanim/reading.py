@@ -25,6 +25,7 @@ _MARKS = (
     ("displacements", "Displacer"),
 )
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
+_SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 
 
@@ -60,6 +61,7 @@ class Reading:
         self.protos: dict[str, Proto] = scene.protos()
         self.defects: dict[str, list[str]] = {}
         self.repairs = 0
+        self._shared: dict[tuple[int, str], Floats] = {}
         self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
         self._kinds: dict[str, str] = {}
 
@@ -165,8 +167,17 @@ class Reading:
     def numbers(self, node: Node, field: str, kind: str = "MFFloat", width: int = 1) -> Floats:
         """A many-valued field: shape (n,) for width 1, else (n, width). Non-finite numbers are refused.
 
-        In repair mode non-finite numbers become 0, as the places of the others must not shift.
+        In repair mode non-finite numbers become 0, as the places of the others must not shift. Arrays of nodes that
+        are typically USEd by many (Coordinate and its kin) are read once: the same array is answered again.
         """
+        if node.type in _SHARED:
+            key = (id(node), field)
+            if key not in self._shared:
+                self._shared[key] = self._many(node, field, kind, width)
+            return self._shared[key]
+        return self._many(node, field, kind, width)
+
+    def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
@@ -240,7 +251,7 @@ class Reading:
         if raw is None:
             return []
         value = self._strings(node, field, raw, "MFString", [])
-        return [value] if isinstance(value, str) else [str(v) for v in value]  # type: ignore[union-attr]
+        return [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
 
     def _strings(self, node: Node, field: str, raw: object, kind: str, default: object) -> object:
         if not isinstance(raw, Literal):

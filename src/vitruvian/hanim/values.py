@@ -8,6 +8,7 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRM
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from itertools import chain
 
 import numpy as np
@@ -31,6 +32,7 @@ _INTEGER = {"Int32", "Image"}
 
 _VRML_COMMENT = re.compile(r"#[^\n]*")
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
+_STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
@@ -59,7 +61,7 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         if literal.text.strip(" \t\n,[]") in ("", "NULL"):
             return None
         raise FileError(path, literal.line, f"expected a node, found {_short(literal.text)}")
-    raise VitruvianError(f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
+    raise FileError(path, literal.line, f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
 
 
 def value(node: Node, field: str, type: str, default: object = None, path: object = "") -> object:
@@ -78,14 +80,18 @@ def _short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def _bare(literal: Literal) -> str:
-    """The text without VRML comments (never called for strings)."""
+def bare(literal: Literal) -> str:
+    """The text without the comments that VRML may have inside."""
     text = literal.text
-    return _VRML_COMMENT.sub("", text) if literal.syntax == "vrml" and "#" in text else text
+    if literal.syntax != "vrml" or "#" not in text:
+        return text
+    if '"' not in text:
+        return _VRML_COMMENT.sub("", text)
+    return _STRING_OR_COMMENT.sub(lambda m: m[1] or "", text)
 
 
 def _numbers(literal: Literal, many: bool) -> str:
-    text = _bare(literal)
+    text = bare(literal)
     if many and literal.syntax == "vrml":
         text = text.strip()
         if text.startswith("[") and text.endswith("]"):
@@ -361,14 +367,15 @@ def translate(literal: Literal, type: str, syntax: str) -> str | None:
 
 def _to_vrml(literal: Literal, type: str) -> str | None:
     text = literal.text
-    words = text.split()
+    words = text.replace(",", " ").split()
     if words and all(w in ("true", "false", "TRUE", "FALSE") for w in words):
         text = text.upper()
     elif not _NUMBERS.fullmatch(text) or (not words and type[:2] != "MF"):
         if type:
             return None
         if text.lstrip().startswith('"'):
-            return text_of(parse(literal, "MFString"), "MFString", "vrml")
+            with suppress(FileError):  # one that only starts with a quote is a plain string
+                return text_of(parse(literal, "MFString"), "MFString", "vrml")
         return quote(_XML_ESCAPE.sub(r"\1", text))
     many = type.startswith("MF") or (not type and len(words) > 4)
     if not many:
@@ -377,14 +384,13 @@ def _to_vrml(literal: Literal, type: str) -> str | None:
 
 
 def _to_xml(literal: Literal, type: str) -> str | None:
-    text = literal.text.strip()
+    text = bare(literal).strip()
     if not type and '"' in text:
         many = text.startswith("[") or len(_STRING.findall(text)) > 1
         type = "MFString" if many else "SFString"
         return text_of(parse(literal, type), type, "xml")
     if text == "NULL":
         return None
-    text = _bare(literal).strip()
     if text.startswith("[") and text.endswith("]"):
         text = text[1:-1].strip()
     text = " ".join(text.split())

@@ -18,6 +18,7 @@ from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
+from vitruvian.show.openness import openness, owners, reaches
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -157,6 +158,9 @@ def mesh_message(actor: Actor) -> bytes:
         Block("site_points", f32(skeleton.site_points), actor.name),
         Block("placement", f32(body.placement[:3]), actor.name),
     ]
+    if len(triangles):
+        shade = openness(skin.rest, skin.triangles, owners(skin.weights), reaches(skeleton))
+        blocks.append(Block("openness", np.rint(255 * shade).astype(np.uint8), actor.name))
     if uv is not None:
         blocks.append(Block("uv", f32(uv), actor.name))
     if skin.colors is not None:
@@ -255,7 +259,7 @@ class Vertices:
 
 
 def turned(actor: Actor, pose: NDArray[np.float32], turns: dict[int, NDArray[np.float64]]) -> NDArray[np.float32]:
-    """The pose with extra rotations (joint -> unit quaternion xyzw), each in its joint's parent frame and about its centre.
+    """The pose with extra rotations (joint -> unit quaternion xyzw), each in its parent's frame, about its centre.
 
     The same as pose.js: `M'_j = D_j M_j`, `D_j = D_parent rot(x_j)`, where rot(x_j) turns about the posed centre.
     """
@@ -294,4 +298,3 @@ def _matrix(q: NDArray[np.float64]) -> NDArray[np.float64]:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-

@@ -63,7 +63,9 @@ def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), 
         "default-src 'none'; script-src 'unsafe-inline' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
         "connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
-    html = _replace(html, r"<meta charset=\"utf-8\">", f'\\g<0>\n<meta http-equiv="Content-Security-Policy" content="{policy}">')
+    html = _replace(
+        html, r"<meta charset=\"utf-8\">", f'\\g<0>\n<meta http-equiv="Content-Security-Policy" content="{policy}">'
+    )
     html = _replace(html, r"<title>.*?</title>", lambda _: f"<title>{escape(showing.title)}</title>")
     data = "\n".join(
         f'<script type="application/octet-stream" id="{name}">{_packed(part)}</script>'

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vitruvian.errors import VitruvianError
 from vitruvian.show.backdrop import dither, paper, shadow
 from vitruvian.show.camera import Camera
+from vitruvian.show.refine import refined
 from vitruvian.show.shade import Samples, Studio, dot, shade, to_srgb
 from vitruvian.show.surfaces import Soup, Surface, unit
 from vitruvian.show.trace import Hits, Single, Tracer, tile, tracer
@@ -65,6 +66,7 @@ def render(
     size = whole(size)
     if not surfaces or not any(len(s.triangles) for s in surfaces):
         raise VitruvianError("picture: there is nothing to see, expected at least one triangle")
+    surfaces = [refined(s, camera, size) for s in surfaces]
     points = np.concatenate([s.vertices for s in surfaces])
     low, high = points.min(axis=0), points.max(axis=0)
     middle = (low + high) / 2  # rays are float32: everything is near the origin
@@ -135,16 +137,9 @@ class Shot:
 
     def _trace(self, rays: Tracer, offsets: list[tuple[float, float]], names: NDArray) -> Hits:
         """All samples of the picture in one list; `pixel` counts on through the sub-pixel patterns."""
-        parts: list[Hits] = []
-        among = None
+        parts = []
         for i, offset in enumerate(offsets):
-            h = rays.visible(self.camera, self.size, offset, among)
-            if i == 0:  # the other samples are looked for only round the pixels that saw something
-                near = np.zeros(self.size[::-1], bool)
-                near.reshape(-1)[h.pixel] = True
-                for axis in (0, 1):
-                    near |= _shifted(near, 1, axis) | _shifted(near, -1, axis)
-                among = np.flatnonzero(near)
+            h = rays.visible(self.camera, self.size, offset)
             parts.append(Hits(h.pixel + i * self.count, names[h.triangle].astype(np.int32), h.u, h.v, h.depth))
         return Hits.join(parts)
 
@@ -211,13 +206,6 @@ class Shot:
         place[pixel] = np.arange(len(pixel), dtype=np.int32)
         both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, 0.004 * self.reach)
         return both[:, 0], both[:, 1]
-
-
-def _shifted(mask: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:
-    """The mask moved one way along an axis, nothing comes in at the edge."""
-    out = np.roll(mask, by, axis)
-    (out if axis == 0 else out.T)[0 if by > 0 else -1] = False
-    return out
 
 
 def _above(point: Single, corners: Single, u: Single, v: Single, away: NDArray) -> Single:

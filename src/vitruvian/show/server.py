@@ -2,7 +2,7 @@
 
 It binds to the loopback interface only. Data flows only over the WebSocket, only after its first message carried the
 token (128 bits, in the fragment of the address, which browsers do not send), and only from a page of our own origin:
-`Host` and `Origin` are checked against the addresses that this server has. No path, code or upload exists in any message.
+`Host` and `Origin` are checked against the addresses that this server has. No message holds a path, code or an upload.
 """
 
 from __future__ import annotations
@@ -53,7 +53,11 @@ MODULES = (
     "vendor/three.core.js",
 )
 FILES = {"": "index.html", "style.css": "style.css", "boot.js": "boot.js"} | {name: name for name in MODULES}
-KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+}
 MAX_PAGES = 8
 IN_FLIGHT = 3  # frames sent and not yet acknowledged, per page
 INTERVAL = 1 / 60  # seconds between frames
@@ -387,7 +391,9 @@ class Server:
         try:
             self.socket.bind(("127.0.0.1", port))
         except OSError as error:
-            raise VitruvianError(f"show: can't listen on 127.0.0.1:{port}: {error.strerror}; give another port") from None
+            raise VitruvianError(
+                f"show: can't listen on 127.0.0.1:{port}: {error.strerror}; give another port"
+            ) from None
         self.port = self.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/#token={self.token}"
         config = uvicorn.Config(

@@ -27,6 +27,7 @@ class Surface:
     colors: NDArray[np.float64] | None = None
     parts: tuple[Part, ...] = ()
     rest: NDArray[np.float64] | None = None
+    soft: NDArray[np.float64] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
 
 
 def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
@@ -109,9 +110,8 @@ class Soup:
                 color = to_linear(s.colors)[t]
             rest = v if s.rest is None else np.asarray(s.rest)
             normals = given[t] if given.ndim == 2 else given
-            corners.append(
-                np.concatenate([v[t], normals, softened(smooth, t)[t], color, rest[t]], -1, dtype=np.float32)
-            )
+            soft = softened(smooth, t) if s.soft is None else s.soft
+            corners.append(np.concatenate([v[t], normals, soft[t], color, rest[t]], -1, dtype=np.float32))
             vertices.append(v)
             triangles.append(t + start)
             part.append(which + len(self.parts))

@@ -1,8 +1,8 @@
 """The bytes between Python and the page, both ways.
 
 Python -> page, binary: magic `VTF1`, uint32 length of a JSON header (padded with spaces so that what follows is 8-byte
-aligned), the header, then blocks at 8-byte aligned offsets counted from the end of the header; little-endian. The header
-is `{type, ..., blocks: [{actor, channel, dtype, shape, offset, scale?, origin?}]}`.
+aligned), the header, then blocks at 8-byte aligned offsets counted from the end of the header; little-endian. The
+header is `{type, ..., blocks: [{actor, channel, dtype, shape, offset, scale?, origin?}]}`.
 
 Page -> Python, text: one JSON object of a fixed list of types, each field checked for type and range. Anything else is
 refused with one line.
@@ -81,7 +81,9 @@ def decode(message: bytes) -> tuple[dict[str, Any], dict[tuple[str, str], NDArra
     for entry in header["blocks"]:
         need(isinstance(entry, dict) and entry.get("dtype") in DTYPES, "expected blocks with a known dtype")
         shape, offset = entry.get("shape"), entry.get("offset")
-        need(isinstance(shape, list) and all(type(n) is int and 0 <= n < 1 << 31 for n in shape), "bad shape of a block")
+        need(
+            isinstance(shape, list) and all(type(n) is int and 0 <= n < 1 << 31 for n in shape), "bad shape of a block"
+        )
         need(type(offset) is int and offset >= 0 and offset % 8 == 0, "bad offset of a block")
         dtype = np.dtype(entry["dtype"]).newbyteorder("<")
         count = math.prod(shape)
@@ -118,7 +120,7 @@ def quantise_normals(normals: NDArray[Any]) -> NDArray[np.int8]:
     return out
 
 
-# What the page may ask for: field -> (kind, low, high). Numbers must be finite and in range, strings at most `high` long.
+# What the page may ask for: field -> (kind, low, high). Numbers are finite and in range, strings at most `high` long.
 REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "hello": {"token": ("text", 0, 64), "version": ("whole", 0, 1000)},
     "ack": {"seq": ("whole", 0, 2**53)},

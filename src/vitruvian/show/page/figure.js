@@ -43,10 +43,10 @@ export class Figure {
       this.displacerWeights = new Float32Array(this.displacers.length);
       this.blobs = blobs(this, rest);
     }
-    this.build(header.parts, get("colors"), blocks.placement?.array);
+    this.build(header.parts, get("colors"), get("openness"), get("placement"));
   }
 
-  build(parts, colors, placement) {
+  build(parts, colors, openness, placement) {
     const N = this.source.length, geometry = new THREE.BufferGeometry();
     const attribute = (size, usage) => new THREE.BufferAttribute(new Float32Array(size * N), size).setUsage(usage);
     geometry.setAttribute("position", attribute(3, THREE.DynamicDrawUsage));
@@ -59,6 +59,9 @@ export class Figure {
       this.source.forEach((s, i) => { for (let c = 0; c < 3; c++) this.painted.array[3 * i + c] = LINEAR[colors[3 * s + c]]; });
       geometry.setAttribute("color", this.painted);
     }
+    const open = new Float32Array(N).fill(1);
+    if (openness) this.source.forEach((s, i) => { open[i] = openness[s] / 255; });
+    geometry.setAttribute("openness", new THREE.BufferAttribute(open, 1));
     parts.forEach((p, i) => geometry.addGroup(3 * p.start, 3 * (p.stop - p.start), i));
     this.looks = parts.map((p) => material(p, Boolean(colors)));
     this.mesh = new THREE.Mesh(geometry, this.looks);

@@ -16,32 +16,39 @@ export function material(part, painted) {
     side: part.double_sided ? THREE.DoubleSide : THREE.FrontSide,
     transparent: part.opacity < 1, opacity: part.opacity, depthWrite: part.opacity > 0.6,
   };
-  if (glossy) return new THREE.MeshPhysicalMaterial({ ...options, roughness: Math.min(options.roughness, 0.22), clearcoat: 1, clearcoatRoughness: 0.03, envMapIntensity: 1.1 });
+  if (glossy) {
+    const wet = { roughness: Math.min(options.roughness, 0.22), clearcoat: 1, clearcoatRoughness: 0.03, envMapIntensity: 1.1 };
+    return lit(new THREE.MeshPhysicalMaterial({ ...options, ...wet }), [0.1, 0.1, 0.1]);
+  }
   const made = new THREE.MeshStandardMaterial(options);
-  if (skin) {
-    made.roughness = Math.min(Math.max(options.roughness, 0.42), 0.62);
-    warm(made, [0.34, 0.13, 0.08]);
-  } else if (hair) warm(made, [0.12, 0.09, 0.06]);
-  else warm(made, [0.06, 0.06, 0.06]);
-  return made;
+  if (!skin) return lit(made, hair ? [0.12, 0.09, 0.06] : [0.06, 0.06, 0.06]);
+  made.roughness = Math.min(Math.max(options.roughness, 0.42), 0.62);
+  return lit(made, [0.34, 0.13, 0.08]);
 }
 
-/** Let light wrap around the edge of the lit side, more of it in the red: what light under the skin looks like. */
-function warm(made, [r, g, b]) {
+/**
+ * Let light wrap around the edge of the lit side, more of it in the red, which is what light under the skin looks like;
+ * and keep ambient light out of folds by the `openness` of each vertex.
+ */
+function lit(made, [r, g, b]) {
   const wrap = `vec3(${r.toFixed(3)}, ${g.toFixed(3)}, ${b.toFixed(3)})`;
   made.onBeforeCompile = (shader) => {
+    const change = (kind, from, to) => { shader[kind] = shader[kind].replace(from, to); };
+    change("vertexShader", "void main() {", "attribute float openness; varying float open;\nvoid main() {\n open = openness;");
+    change("fragmentShader", "void main() {", "varying float open;\nvoid main() {");
+    change("fragmentShader", "#include <aomap_fragment>", `#include <aomap_fragment>
+      vec3 bounce = vec3(open) / (1.0 - diffuseColor.rgb * 0.7 * (1.0 - open)); // light between near surfaces takes their colour
+      reflectedLight.indirectDiffuse *= bounce; reflectedLight.indirectSpecular *= open;
+      reflectedLight.directDiffuse *= mix(vec3(1.0), bounce, 0.6); reflectedLight.directSpecular *= open;`);
     const chunk = THREE.ShaderChunk.lights_physical_pars_fragment, plain = "vec3 irradiance = dotNL * directLight.color;";
     if (!chunk.includes(plain)) return; // another three.js: it still looks right, only less warm
-    const soft = `
-      float facing = dot(geometryNormal, directLight.direction);
+    const soft = `vec3 sharp = dotNL * directLight.color; float facing = dot(geometryNormal, directLight.direction);
       vec3 irradiance = max(vec3(0.0), (vec3(facing) + ${wrap}) / ((1.0 + ${wrap}) * (1.0 + ${wrap}))) * directLight.color;`;
-    shader.fragmentShader = shader.fragmentShader.replace(
-      "#include <lights_physical_pars_fragment>",
-      chunk.replace(plain, soft.replace(/\n/g, " ") + "\n vec3 sharp = dotNL * directLight.color;")
-        .replaceAll("reflectedLight.directSpecular += irradiance *", "reflectedLight.directSpecular += sharp *"),
-    );
+    change("fragmentShader", "#include <lights_physical_pars_fragment>",
+      chunk.replace(plain, soft).replaceAll("reflectedLight.directSpecular += irradiance *", "reflectedLight.directSpecular += sharp *"));
   };
   made.customProgramCacheKey = () => wrap;
+  return made;
 }
 
 /** Colours as they are, darker only towards the outline: for heat maps that must match their bar. */

@@ -79,16 +79,16 @@ export class Studio {
     };
     this.rig = new THREE.Group();
     this.scene.add(this.rig);
-    this.key = lamp("#fff0de", 2.5, 1.6, 3.1, 2.6);
-    this.fill = lamp("#cfe0ff", 0.55, -3, 1.4, 2.2);
+    this.key = lamp("#fff0de", 2.7, 2.1, 2.7, 2.3);
+    this.fill = lamp("#cfe0ff", 0.35, -3, 1.2, 2.2);
     this.rim = lamp("#ffffff", 1.9, -1.7, 2.6, -3);
     this.kick = lamp("#ffe6d0", 0.8, 2.6, 1.2, -2.4);
     for (const l of [this.key, this.fill, this.rim, this.kick]) l.position.copy(l.userData.from);
     const { shadow } = this.key;
-    shadow.mapSize.set(2048, 2048);
+    shadow.mapSize.set(1536, 1536);
     Object.assign(shadow.camera, { left: -1.3, right: 1.3, top: 1.5, bottom: -1.5, near: 0.5, far: 9 });
-    Object.assign(shadow, { bias: -0.0004, normalBias: 0.012, radius: 5 });
-    const sky = softboxes(), strength = 0.62;
+    Object.assign(shadow, { bias: -0.0004, normalBias: 0.012, radius: 9 });
+    const sky = softboxes(), strength = 0.5;
     if (this.software) { // prefiltering reflections would take seconds here: only the diffuse part of the same sky
       this.scene.add(new THREE.LightProbe(harmonics(sky), strength));
       return;
@@ -299,6 +299,7 @@ export class Studio {
   async picture() {
     const level = this.level;
     this.quality(STEPS.length - 1);
+    this.renderer.setPixelRatio(Math.max(2, devicePixelRatio));
     this.draw(0, true);
     const blob = await new Promise((done) => this.canvas.toBlob(done, "image/png"));
     this.quality(level);
