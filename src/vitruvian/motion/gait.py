@@ -238,8 +238,7 @@ def _walk_legs(
     start = float(brentq(lead, -0.8 * length, 0.1 * length, xtol=1e-5))
     move[:, 1] = _even(np.where(phase < 0.5, *heights(start)), phase)
     feet = [
-        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor)
-        for leg, own, roll in steps
+        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps
     ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
