@@ -182,7 +182,7 @@ def _canonical(value: object, kind: str) -> object:
         return None
     if isinstance(value, Literal):
         if kind:
-            words = value.text
+            words = bare(value)
             try:
                 value = parse(value, kind)
             except FileError:
