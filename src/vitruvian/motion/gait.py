@@ -31,10 +31,10 @@ from vitruvian.motion.types import Motion
 # (the sum of thigh, knee and ankle; its flat part is exactly flat).
 THIGH = {0: 24, 5: 24, 10: 21.5, 15: 17.5, 20: 13, 30: 3, 40: -8, 46: -14, 51: -16.5, 55: -15, 60: -8, 65: 2, 70: 11,
          75: 19, 80: 25, 86: 28.5, 92: 27.5, 96: 25.5}  # fmt: skip
-KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 51,
-        69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
-FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16.5, 52: -33, 57: -51, 62: -67, 66: -70,
-        70: -62, 75: -43, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 53,
+        69: 63, 73: 67, 77: 63, 82: 47, 87: 27.5, 92: 11, 96: 4.5}  # fmt: skip
+FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16.5, 52: -33, 57: -51, 62: -67,
+        66: -70, 70: -62, 75: -43, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
 TOES_BEND = np.radians(38.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -88,9 +88,10 @@ def walk(
     """A person walking along +Z on the floor (y = 0), beginning at left heel strike; loops without a seam.
 
     speed in m/s (0.3 to 2.5), stride in metres (two steps; by default the usual one at that speed and leg length; the
-    cycle is rounded to whole frames, so stride = speed * cycle), cycles how many strides. in_place: walks on a treadmill,
-    so that repeating the clip goes nowhere; else a repetition starts `speed * seconds` further.
-    Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the root.
+    cycle is rounded to whole frames, so stride = speed * cycle), cycles how many strides. in_place: walks on a
+    treadmill, so that repeating the clip goes nowhere; else a repetition starts `speed * seconds` further.
+    Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the
+    root.
     """
     limbs = legs(skeleton)
     index = joint_index(skeleton.names)
@@ -169,7 +170,7 @@ def _list(phase: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Roll:
-    """How one foot rolls over the floor: forward and up are z and y, relative to the toe joint when the foot is flat."""
+    """How one foot rolls over the floor: forward and up are z and y, from the toe joint when the foot is flat."""
 
     leg: Leg
     ankle: Floats  # (2,) z, y of the ankle from the toe joint, foot flat
@@ -238,8 +239,7 @@ def _walk_legs(
     start = float(brentq(lead, -0.8 * length, 0.1 * length, xtol=1e-5))
     move[:, 1] = _even(np.where(phase < 0.5, *heights(start)), phase)
     feet = [
-        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor)
-        for leg, own, roll in steps
+        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor) for leg, own, roll in steps
     ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
@@ -272,8 +272,7 @@ def _height(roll: _Roll, own: Floats, pace: _Pace, hip: Floats, start: float) ->
     a, b = roll.leg.thigh, roll.leg.shank
     reach = a * a + b * b + 2 * a * b * np.cos(knee)
     flat = (hip[:, 2] - (ankle[:, 0] - start - pace.stride * own)) ** 2 + (0.05 * roll.leg.length) ** 2
-    lift = ankle[:, 1] + np.sqrt(np.maximum(reach - flat, 1e-6)) - hip[:, 1]
-    return lift
+    return ankle[:, 1] + np.sqrt(np.maximum(reach - flat, 1e-6)) - hip[:, 1]
 
 
 def _even(values: Floats, phase: Floats) -> Floats:

@@ -64,9 +64,9 @@ def hang_arm(
 ) -> None:
     """Local rotations (in place) of one arm from angles in radians, each a number or (F,).
 
-    forward: the upper arm, out: the whole arm from hanging straight down; bend: the elbow; inward: about the upper arm towards the
-    body; pronation: thumb inwards; wrist: towards the thumb; palm: towards the palm. They mean the same whatever arm the
-    rest pose shows, because what the rest pose already has is taken off.
+    forward: the upper arm, out: the whole arm from hanging straight down; bend: the elbow; inward: about the upper arm
+    towards the body; pronation: thumb inwards; wrist: towards the thumb; palm: towards the palm. They mean the same
+    whatever arm the rest pose shows, because what the rest pose already has is taken off.
     """
     shoulder, elbow, hand = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
     if shoulder is None or elbow is None:

@@ -1,8 +1,8 @@
 """Let another skeleton do what a captured one does.
 
 Only turns in the world are carried over, never local angles: rest poses, local axes and joint counts of the two may
-differ. Source: note motion.md, section 4 (world deltas, rest alignment by swing and secondary axis, trunk by arc length).
-Frames: humanoid space, Y up; A is the turn that brings the target at rest into the pose of the source at rest.
+differ. Source: note motion.md, section 4 (world deltas, rest alignment by swing and secondary axis, trunk by arc
+length). Frames: humanoid space, Y up; A is the turn that brings the target at rest into the pose of the source at rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FINGERS = [n for joints in FINGER_JOINTS.values() for n in joints] + [f"carpomet
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """The clip to be carried over: who is who, rest positions (J,3), world turns from rest (F,J,4), positions (F,J,3)."""
+    """The clip to be carried over: who is who, rest positions (J,3), turns from rest (F,J,4), positions (F,J,3)."""
 
     skeleton: Skeleton
     index: dict[str, int]
@@ -62,7 +62,7 @@ class _Source:
         return common[-1] if common else None
 
     def end(self, joint: int, skip: int | None = None) -> Floats | None:
-        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when nothing is apart from it."""
+        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when there is none."""
         best, far, stack = None, 1e-6, [joint]
         while stack:
             j = stack.pop()
@@ -89,11 +89,11 @@ def retarget(
     """The clip on another skeleton: `motion` on its own skeleton to a Motion on `skeleton` (H-Anim names, any LOA).
 
     names: {joint of the clip: H-Anim joint}, wins over the built-in tables. feet: find when feet stand and keep them on
-    the floor (y = 0 at rest) by inverse kinematics. twist_to_elbow: share of the forearm's twist that the elbow takes, the
-    wrist the rest; not used between two H-Anim skeletons. root: "scale" walks in proportion to the leg length, "keep"
-    leaves distances as they were captured. rest_frame: a frame of the clip that shows the rest pose.
-    `Motion.notes` says what was not matched. Raises `VitruvianError` when the clip has no recognisable hips or `skeleton`
-    is no H-Anim skeleton.
+    the floor (y = 0 at rest) by inverse kinematics. twist_to_elbow: share of the forearm's twist that the elbow takes,
+    the wrist the rest; not used between two H-Anim skeletons. root: "scale" walks in proportion to the leg length,
+    "keep" leaves distances as they were captured. rest_frame: a frame of the clip that shows the rest pose.
+    `Motion.notes` says what was not matched. Raises `VitruvianError` when the clip has no recognisable hips or
+    `skeleton` is no H-Anim skeleton.
     """
     if root not in ("scale", "keep"):
         raise VitruvianError(f"root: expected 'scale' or 'keep', found {root!r}")
@@ -250,8 +250,8 @@ def _swing(before: Floats, target: Floats, source: Floats) -> Floats:
 def _sideways(facing: Floats, own: Floats, his: Floats) -> Floats:
     """The turn about the front axis that brings limb `own` as far out from the body as `his`.
 
-    Rest poses differ by how far arms and legs are raised to the side (T, A, hanging). Done first and about that axis, it
-    keeps thumbs and kneecaps where they are; the shortest turn would roll limbs that do not hang exactly straight.
+    Rest poses differ by how far arms and legs are raised to the side (T, A, hanging). Done first and about that axis,
+    it keeps thumbs and kneecaps where they are; the shortest turn would roll limbs that do not hang exactly straight.
     """
     front = rotate(facing, np.array([0.0, 0.0, 1.0]))
     a, b = (unit(v - front * (v @ front)) for v in (own, his))
@@ -420,7 +420,8 @@ def _lean(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: F
 
 
 def _along(points: Floats, arms: int) -> Floats:
-    """Where the middle of each joint's bone lies: 0..1 up to the end of the one that carries the arms, 1..2 to the head.
+    """Where the middle of each joint's bone lies: 0..1 up to the end of the one that carries the arms, 1..2 to the
+    head.
 
     CMU's conversions have dropped the length of the chest; it gets the mean of the bones below.
     """
