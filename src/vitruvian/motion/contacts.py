@@ -79,8 +79,8 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         points[0][0] = c[ankle][0]
         front = ankle if middle is None else int(middle)
         pivot = points[1] if middle is None else c[front]
-        lengths = np.linalg.norm(c[knee] - c[hip]), np.linalg.norm(c[ankle] - c[knee])
-        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, *points, *(float(v) for v in lengths)))
+        thigh, shank = (float(np.linalg.norm(c[b] - c[a])) for a, b in ((hip, knee), (knee, ankle)))
+        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, points[0], points[1], points[2], thigh, shank))
     return tuple(found if body is None else (_on_skin(leg, body) for leg in found))
 
 
