@@ -167,8 +167,7 @@ def plant(
         before = world.copy()
         bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot, straight[leg.side])
         _carry(skeleton, leg.ankle, before, world)
-        stands = ease(hold.ball, blend * fps)
-        _flatten_toes(skeleton, leg, world, stands)
+        _flatten_toes(skeleton, leg, world, ease(hold.ball, blend * fps))
     return world, move
 
 
@@ -198,8 +197,8 @@ def _steps(
     """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when heel and ball stand after all."""
     c = skeleton.centers
     ankle = place[:, leg.ankle]
-    raw = tuple(ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
-    hold = _split(hold, raw, fps)
+    raw_heel, raw_ball = (ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
+    hold = _split(hold, (raw_heel, raw_ball), fps)
     yaw, pitch, roll = heading(world[:, leg.ankle])
     hold = _rolling(hold, pitch)
     on_heel, on_ball = ease(hold.heel, 0.5 * blend * fps), ease(hold.ball, blend * fps)
