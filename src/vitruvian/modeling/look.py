@@ -7,6 +7,7 @@ Geometry comes from the pack's `looks.npz` (built by `tools/build_looks.py`); co
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -57,6 +58,7 @@ def named(value: str | Color, table: dict[str, Color], what: str) -> Color:
     return (float(value[0]), float(value[1]), float(value[2]))
 
 
+@cache
 def looks(name: str) -> np.ndarray:
     """An array of the looks pack."""
     return source._archive("looks")[name]

@@ -222,7 +222,7 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0))
     width = _hip_width(assembly, centers, matrices, weights)
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND))
-    where, middle = at_rest(names, parents, centers, assembly.points, weights, matrices)
+    where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
     body = where[: source.BODY]

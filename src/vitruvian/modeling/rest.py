@@ -5,17 +5,17 @@ The upper arms are tilted outward just as far as the hands need to clear the thi
 from these shoulders would stand inside the hips).
 
 Method: each bone's present direction is turned onto its direction at rest by the smallest rotation, the twist of the
-arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows with the log
-operator. The attachment is then taken in the new pose (H-Anim "Modelisation"; seed 003, section 3.2).
+arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows by dual
+quaternions. The attachment is then taken in the new pose (H-Anim "Modelisation"; seed 003, section 3.2).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from vitruvian.body import rotations as rot
-from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights
-from vitruvian.deform.deformer import deformer
+from vitruvian.body.types import Floats, Ints, Weights
 
 DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
@@ -115,12 +115,22 @@ def rest_matrices(parents: Ints, centers: Floats, turns: Floats) -> Floats:
     return matrices
 
 
-def at_rest(
-    names: tuple[str, ...], parents: Ints, centers: Floats, points: Floats, weights: Weights, matrices: Floats
-) -> tuple[Floats, Floats]:
-    """Points (n,3) and joint centres (J,3) after `matrices`, the points moved with the log operator."""
-    nothing = np.zeros((0, 3), np.int32)
-    body = Body("person", Skeleton(names, parents, centers), Skin(points, nothing, weights))
-    moved = deformer("log", body)(matrices[None])[0].astype(np.float64)
-    homogeneous = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
-    return moved, homogeneous
+def at_rest(centers: Floats, points: Floats, weights: Weights, matrices: Floats) -> tuple[Floats, Floats]:
+    """Points (n,3) and joint centres (J,3) after `matrices`, the points moved by blended dual quaternions.
+
+    Method: L. Kavan et al., Geometric skinning with approximate dual quaternion blending, 2008. The turns from the
+    A pose stay below a half turn, so that all quaternions can be taken on the root's side.
+    """
+    real = rot.from_matrix(matrices[:, :3, :3])
+    real = real * np.where(real[:, 3:] < 0, -1.0, 1.0)
+    move = np.concatenate([matrices[:, :3, 3], np.zeros((len(matrices), 1))], axis=1)
+    dual = 0.5 * rot.multiply(move, real)
+    blend = csr_matrix((weights.weight, weights.joint, weights.row), (len(points), len(matrices)))
+    mixed = blend @ np.concatenate([real, dual], axis=1)
+    size = np.linalg.norm(mixed[:, :4], axis=1, keepdims=True)
+    q, d = mixed[:, :4] / size, mixed[:, 4:] / size
+    v, w = q[:, :3], q[:, 3:]
+    turned = points + 2 * np.cross(v, np.cross(v, points) + w * points)
+    shift = 2 * (w * d[:, :3] - d[:, 3:] * v + np.cross(v, d[:, :3]))
+    moved_centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
+    return turned + shift, moved_centers

@@ -17,6 +17,22 @@ from vitruvian.modeling.source import manifest, points, target
 
 WEIGHTS = (-0.25, 1.75)  # beyond 0..1 only to meet a wish in kilograms: the data are extrapolated
 ORIGINS = ("african", "asian", "caucasian")
+# The macro targets of weight and muscle stay within a few centimetres of the average; these details, scaled by how far
+# the slider is from its middle, carry them on to builds that are met in the street. (at the low end, at the high end)
+BUILD: dict[str, dict[str, tuple[float, float]]] = {
+    "weight": {
+        "stomach-tone": (0.3, -0.9), "measure-waist-circ": (-0.25, 0.75), "measure-underbust-circ": (-0.2, 0.55),
+        "measure-hips-circ": (-0.25, 0.6), "measure-bust-circ": (-0.2, 0.45), "buttocks-volume": (-0.3, 0.5),
+        "upperarm-fat": (-0.6, 0.9), "lowerarm-fat": (-0.5, 0.7), "upperleg-fat": (-0.6, 0.9),
+        "lowerleg-fat": (-0.5, 0.7), "head-fat": (-0.35, 0.7), "neck-double": (0.0, 0.6),
+        "measure-neck-circ": (-0.15, 0.4), "cheek-volume": (-0.3, 0.5),
+    },
+    "muscle": {
+        "upperarm-muscle": (-0.4, 0.9), "lowerarm-muscle": (-0.4, 0.8), "upperarm-shoulder-muscle": (-0.4, 0.7),
+        "upperleg-muscle": (-0.3, 0.7), "lowerleg-muscle": (-0.3, 0.7), "torso-muscle-pectoral": (-0.3, 0.6),
+        "torso-muscle-dorsi": (-0.3, 0.6), "torso-vshape": (-0.1, 0.5), "measure-neck-circ": (-0.1, 0.4),
+    },
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -101,7 +117,18 @@ def factors(shape: Shape) -> dict[str, float]:
         value = float(np.prod([words[p] for p in parts]))
         if value:
             found[name] = value
+    known = manifest()["targets"]
+    wanted: dict[str, float] = {}
+    for slider, table in BUILD.items():
+        away = 2 * getattr(shape, slider) - 1
+        for name, (low, high) in table.items():
+            amount = away * high if away > 0 else -away * low
+            for side in ("", "l-", "r-") if away else ():
+                if f"{side}{name}-incr" in known:
+                    wanted[side + name] = wanted.get(side + name, 0.0) + amount
     for name, value in shape.details.items():
+        wanted[name] = wanted.get(name, 0.0) + value
+    for name, value in wanted.items():
         if f"{name}-incr" not in manifest()["targets"]:
             raise VitruvianError(f"{name}: no such detail; there are {', '.join(details()[:6])} ...")
         if value:
