@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from small_body import CENTERS, figure, wave
 from gltf_player import Player
+from small_body import CENTERS, figure, wave
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Skeleton, Weights

@@ -7,6 +7,7 @@ import os
 import subprocess
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from vitruvian.body.pack import pack
 from vitruvian.formats.vrml import read_vrml, write_vrml
 from vitruvian.formats.x3d import read_x3d, write_x3d
 from vitruvian.hanim.build import scene_of
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.view import humanoids
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Route
 
 POSE = {
     "l_shoulder": [0, 0, 1, 1.5707963],
@@ -88,7 +92,17 @@ def test_xite_agrees(shared: Path, referee: Path, chromium: str, tmp_path: Path)
     for name, (encoding, version) in SKINNED.items():
         files[write(load(shared / "data" / "hanim" / name), tmp_path, Path(name).stem, encoding, version)] = True
     files[shared / "data" / "hanim" / "Humanoid1NoSegSite.x3d"] = False
-    files[write(typed(1), tmp_path, "ada", "x3d", "2.0")] = True
+    files[write(typed(4), tmp_path, "ada", "x3d", "2.0")] = True
+    agree(shared, referee, chromium, files)
+
+
+def test_xite_agrees_on_the_built_in_person(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
+    person = pytest.importorskip("vitruvian.modeling.person").person
+    agree(shared, referee, chromium, {write(person(loa=2), tmp_path, "person", "x3d", "2.0"): True})
+
+
+def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> None:
+    """Every joint matrix within 1e-6; files marked True load without a message."""
     script = shared / "hanim" / "referee" / "xite_load.mjs"
     found = run(script, referee, chromium, list(files), "--pose", json.dumps(POSE))
     for path, result in zip(files, found, strict=True):
@@ -119,3 +133,51 @@ def run(script: Path, referee: Path, chromium: str, files: list[Path], *options:
 def complaints(result: dict) -> list[str]:
     """Messages of the browser, those about pictures and addresses that are not at hand subtracted."""
     return [m for m in result["messages"] if "Error loading image" not in m and "Failed to load resource" not in m]
+
+
+PLAY = """async ([text, joint]) => {
+  await new Promise(resolve => X3D(resolve))
+  const browser = document.querySelector('x3d-canvas').browser
+  const scene = await browser.createX3DFromString(text)
+  await browser.replaceWorld(scene)
+  const node = scene.getNamedNode(joint), seen = []
+  for (let k = 0; k < 40 && new Set(seen).size < 4; ++k) {
+    await new Promise(resolve => setTimeout(resolve, 100))
+    seen.push(node.rotation.angle)
+  }
+  return seen
+}"""
+
+
+def test_what_we_write_moves_in_xite(referee: Path, chromium: str, tmp_path: Path) -> None:
+    sync = pytest.importorskip("playwright.sync_api").sync_playwright
+    tracks, motion = typed(1), typed(1)
+    values = np.array([[0.0], [90.0], [0.0]])
+    motion.tracks = []
+    motion.motions = [MotionData("wave", ["l_shoulder"], [("Zrotation",)], values, 0.5, True, True)]
+    files = [write(h, tmp_path, n, "x3d", "2.0") for h, n in ((tracks, "tracks"), (motion, "motion"))]
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    with sync() as p:
+        browser = p.chromium.launch(executable_path=chromium, args=flags)
+        for path in files:
+            page = browser.new_page(viewport={"width": 120, "height": 120})
+            page.route("**/*", lambda route: answer(route, referee))
+            page.goto("http://xite.test/page.html")
+            angles = page.evaluate(PLAY, [path.read_text(), "hanim_l_shoulder"])
+            assert len(set(angles)) >= 4, (path.name, angles)
+            assert max(map(abs, angles)) > 0.05, (path.name, angles)
+            page.close()
+        browser.close()
+
+
+def answer(route: Route, referee: Path) -> None:
+    """A page with an X_ITE canvas, and the files of X_ITE; nothing leaves the machine."""
+    address = route.request.url.removeprefix("http://xite.test/")
+    page = "<script src='x_ite.js'></script><x3d-canvas style='width:100px;height:100px'></x3d-canvas>"
+    path = referee / "node_modules" / "x_ite" / "dist" / address
+    if address == "page.html":
+        route.fulfill(body=page, content_type="text/html")
+    elif path.is_file():
+        route.fulfill(path=path)
+    else:
+        route.abort()

@@ -34,7 +34,7 @@ def main() -> None:
         if point.position is None or name.startswith("r_"):
             continue
         joint = holder[point.segment]
-        below = [n for n, e in table.items() if e.parent == joint and e.loa < 4]
+        below = [n for n, e in table.items() if e.parent == joint and e.loa < 4 and joint != "skullbase"]
         ends = [joint, *below, *(n for n, e in table.items() if e.parent in below and e.loa < 4)]
         anchor = min(ends, key=lambda n: np.linalg.norm(np.array(point.position) - defaults[n]))
         wanted = centers[names.index(anchor)] + scale * (np.array(point.position) - defaults[anchor])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -276,11 +276,14 @@ def read_mesh(path: str | os.PathLike[str], *, unit: str = "m") -> Mesh:
         raise FileError(path, 0, str(error)) from None
 
 
-def write_obj(thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str], *, time: float = 0.0) -> list[str]:
+def write_obj(
+    thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str], *, time: float = 0.0
+) -> dict[str, Any]:
     """Write a surface as OBJ: vertices with colours, texture coordinates with their seams, a group per part.
 
-    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. Returns what was lost, one
-    sentence each, and warns with the same. Raises `VitruvianError` when there is no triangle.
+    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. The report:
+    `vertices triangles` and `lost`, what OBJ could not carry, one sentence each, which are warnings too.
+    Raises `VitruvianError` when there is no triangle.
     """
     lost: list[str] = []
     parts: tuple[Part, ...]
@@ -318,7 +321,7 @@ def write_obj(thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str]
         temporary.write_text("\n".join(text) + "\n", encoding="utf-8")
     for sentence in lost:
         warn(f"{path}: {sentence}")
-    return lost
+    return {"vertices": len(vertices), "triangles": int(len(triangles)), "lost": lost}
 
 
 def _word(name: str) -> str:

@@ -124,7 +124,7 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
-        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options) or {}
+        report["lost"] += write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     else:

@@ -25,6 +25,7 @@ _MARKS = (
     ("displacements", "Displacer"),
 )
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
+_SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 
 
@@ -60,6 +61,7 @@ class Reading:
         self.protos: dict[str, Proto] = scene.protos()
         self.defects: dict[str, list[str]] = {}
         self.repairs = 0
+        self._shared: dict[tuple[int, str], Floats] = {}
         self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
         self._kinds: dict[str, str] = {}
 
@@ -132,9 +134,9 @@ class Reading:
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
         before = self.repairs
         array = self._numbers(node, field, kind)
-        if array is None:
+        if array is None and self.repairs == before:
             return np.array(default)
-        if self.repairs > before:
+        if array is None or self.repairs > before:
             self.mend(node, field, np.array(default))
             return np.array(default)
         if len(array) != len(default) or not np.isfinite(array).all():
@@ -165,11 +167,22 @@ class Reading:
     def numbers(self, node: Node, field: str, kind: str = "MFFloat", width: int = 1) -> Floats:
         """A many-valued field: shape (n,) for width 1, else (n, width). Non-finite numbers are refused.
 
-        In repair mode non-finite numbers become 0, as the places of the others must not shift.
+        In repair mode non-finite numbers become 0, as the places of the others must not shift. Arrays of nodes that
+        are typically USEd by many (Coordinate and its kin) are read once: the same array is answered again.
         """
+        if node.type in _SHARED:
+            key = (id(node), field)
+            if key not in self._shared:
+                self._shared[key] = self._many(node, field, kind, width)
+            return self._shared[key]
+        return self._many(node, field, kind, width)
+
+    def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
+            if self.repairs > before:
+                self.mend(node, field, None)
             return np.zeros(0 if width == 1 else (0, width))
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
@@ -240,7 +253,7 @@ class Reading:
         if raw is None:
             return []
         value = self._strings(node, field, raw, "MFString", [])
-        return [value] if isinstance(value, str) else [str(v) for v in value]  # type: ignore[union-attr]
+        return [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
 
     def _strings(self, node: Node, field: str, raw: object, kind: str, default: object) -> object:
         if not isinstance(raw, Literal):

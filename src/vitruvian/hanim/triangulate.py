@@ -184,7 +184,7 @@ def cylinder(
         count = 2 * around
     for wanted, sign in ((top and not tip, 1), (bottom, -1)):
         if wanted:
-            points += [ring + sign * up, [sign * up]]
+            points += [ring + sign * up, sign * up[None]]
             pair = (count + k, count + following) if sign > 0 else (count + following, count + k)
             triangles.append(np.stack([*pair, np.full(around, count + around)], axis=1))
             count += around + 1

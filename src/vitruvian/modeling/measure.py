@@ -17,7 +17,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling import anatomy, source
-from vitruvian.modeling.shape import Shape, shaped
+from vitruvian.modeling.shape import WEIGHTS, Shape, shaped
 
 NAMES = (
     "height chest underbust waist hips neck shoulder_width arm_length upper_arm wrist thigh calf inseam back_length"
@@ -142,7 +142,8 @@ def solved(shape: Shape, wishes: dict[str, float], kilograms: float | None = Non
         raise VitruvianError(f"weight: expected 0..1 or 15..250 kg, found {kilograms:g}")
     sliders = [SLIDERS[n] for n in wishes] + (["weight"] if kilograms is not None else [])
     wanted = np.array([*wishes.values(), *([kilograms / 100] if kilograms is not None else [])])
-    low = np.array([0.0 if s in ("height", "weight") else -1.0 for s in sliders])
+    low = np.array([{"height": 0.0, "weight": WEIGHTS[0]}.get(s, -1.0) for s in sliders])
+    high = np.array([WEIGHTS[1] if s == "weight" else 1.0 for s in sliders])
     scale = np.array([0.001 if s != "weight" else 1e-4 for s in sliders])
 
     def taken(values: Floats) -> Floats:
@@ -163,11 +164,13 @@ def solved(shape: Shape, wishes: dict[str, float], kilograms: float | None = Non
         at = wanted - error
         for k in range(len(values)):
             step = np.zeros(len(values))
-            step[k] = 0.05 if best[k] < 0.5 else -0.05
+            step[k] = 0.05 if error[k] > 0 else -0.05  # sliders have a kink in the middle: look where we go
+            if not low[k] <= best[k] + step[k] <= high[k]:
+                step[k] = -step[k]
             jacobian[:, k] = (taken(best + step) - at) / step[k]
         move = np.linalg.lstsq(jacobian, error, rcond=1e-3)[0]
         for share in (1.0, 0.5, 0.25):
-            trial = np.clip(best + share * move, low, 1.0)
+            trial = np.clip(best + share * move, low, high)
             missing = wanted - taken(trial)
             if np.linalg.norm(missing) < np.linalg.norm(error):
                 best, error = trial, missing

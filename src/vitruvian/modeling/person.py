@@ -10,13 +10,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, eye, vstack
 
 from vitruvian.body.types import Floats, Ints, Weights
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
 from vitruvian.modeling import anatomy, source
-from vitruvian.modeling.look import LookPart, hidden_faces, look_parts, skin_colors
+from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, skin_colors
+from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
 from vitruvian.modeling.rest import at_rest, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
@@ -133,17 +134,37 @@ def humanoid_of(
     )
 
 
-def assemble(points: Floats, sliders: Sliders, *, seed: int = 0, **look: Any) -> Assembly:
-    """Body, eyes, hair and clothes of a shape, in the A pose."""
-    tone = look.pop("tone", 0.35)
-    outfit = look.get("outfit")
-    parts: list[LookPart] = look_parts(
-        points[: source.POINTS], gender=sliders.gender, age=sliders.age, seed=seed, **look
-    )
-    skin = skin_colors(points[: source.POINTS], tone=tone, gender=sliders.gender, age=sliders.age, seed=seed)
+def assemble(
+    points: Floats,
+    sliders: Sliders,
+    *,
+    seed: int = 0,
+    hair: str | None = None,
+    hair_color: str | Color | None = None,
+    eye_color: str | Color = "brown",
+    skin_tone: float | str | None = None,
+    outfit: str | None = "t-shirt and shorts",
+    top_color: str | Color | None = None,
+    bottom_color: str | Color | None = None,
+    shoe_color: str | Color | None = None,
+) -> Assembly:
+    """Body, eyes, hair and clothes of a shape, in the A pose.
+
+    hair "short", "bob", "bun", "none" or None: by sex and age; skin_tone 0 light to 1 dark or a name, None: by origin;
+    outfit a name in `vitruvian.modeling.outfit.OUTFITS` or None; colours by name or as three numbers.
+    """
+    if hair is not None and hair not in STYLES:
+        raise VitruvianError(f"hair: expected one of {', '.join(STYLES)}, found {hair!r}")
+    tone = float(np.dot(sliders.origin, (0.78, 0.30, 0.20))) - 0.08 if skin_tone is None else skin_tone
+    dressed = outfit_colors(outfit, top_color, bottom_color, shoe_color, sliders.gender)
+    flesh = points[: source.POINTS]
+    who = {"gender": sliders.gender, "age": sliders.age, "tone": tone, "seed": seed}
+    parts = look_parts(flesh, hair=hair, hair_color=hair_color, eye_color=eye_color, outfit=dressed, **who)
+    shade = None if hair == "none" else hair_color_at(sliders.age, hair_color, tone)
+    skin = skin_colors(flesh, hair=shade, suit=None if dressed else SUIT, **who)
     all_points = np.concatenate([points[: source.BODY], *(p.vertices for p in parts)])
     colors = np.concatenate([skin, *(p.colors for p in parts)])
-    visible = ~hidden_faces(outfit)
+    visible = ~hidden_faces(dressed)
     shapes = [
         Shape(
             "skin",
@@ -151,23 +172,16 @@ def assemble(points: Floats, sliders: Sliders, *, seed: int = 0, **look: Any) ->
             uv=source.array("uv").astype(np.float64),
             uv_triangles=source.array("uv_triangles")[visible],
             colors=colors,
-            material=Material("skin", color=tuple(skin.mean(axis=0)), roughness=0.55),
+            material=Material("skin", color=tuple(skin.mean(axis=0)), roughness=0.52),
         )
     ]
-    rows, columns, values = [np.arange(source.BODY)], [np.arange(source.BODY)], [np.ones(source.BODY)]
     start = source.BODY
     for part in parts:
-        count = len(part.vertices)
-        rows.append(np.repeat(np.arange(start, start + count), part.parent_index.shape[1]))
-        columns.append(part.parent_index.ravel())
-        values.append(part.parent_weight.ravel())
-        material = Material(part.name, part.color, part.roughness, opacity=part.opacity, double_sided=part.double_sided)
+        material = Material(part.name, tuple(part.colors.mean(axis=0)), part.roughness, double_sided=part.double_sided)
         shapes.append(Shape(part.name, (part.triangles + start).astype(np.int32), colors=colors, material=material))
-        start += count
-    parents = csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (start, source.POINTS)
-    )
-    return Assembly(all_points, parents, shapes)
+        start += len(part.vertices)
+    body = eye(source.BODY, source.POINTS, format="csr")
+    return Assembly(all_points, vstack([body, *(p.parents for p in parts)]).tocsr(), shapes)
 
 
 @cache

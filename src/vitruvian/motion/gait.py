@@ -33,9 +33,9 @@ THIGH = {0: 24, 5: 24, 10: 21.5, 15: 17.5, 20: 13, 30: 3, 40: -8, 46: -14, 51: -
          75: 19, 80: 25, 86: 28.5, 92: 27.5, 96: 25.5}  # fmt: skip
 KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 51,
         69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
-FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16, 52: -31, 57: -46, 62: -60, 66: -64,
-        70: -58, 75: -42, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
-TOES_BEND = np.radians(45.0)  # how far toes give before the foot rolls over their tips
+FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16.5, 52: -33, 57: -51, 62: -67, 66: -70,
+        70: -62, 75: -43, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+TOES_BEND = np.radians(38.0)  # how far toes give before the foot rolls over their tips
 
 
 def _curve(keys: dict[int, float]) -> CubicSpline:
@@ -45,7 +45,10 @@ def _curve(keys: dict[int, float]) -> CubicSpline:
 
 @dataclass(frozen=True)
 class _Pace:
-    """Timing and size of a walk: stride (m, two steps), cycle (s), stance (share of the cycle), vigour (1 at 1.35 m/s)."""
+    """Timing and size of a walk: stride (m, two steps), cycle (s), stance (share of the cycle).
+
+    vigour is 1 at 1.35 m/s, reach 1 for a stride of 1.65 leg lengths.
+    """
 
     speed: float
     stride: float
@@ -53,6 +56,7 @@ class _Pace:
     frames: int
     stance: float
     vigour: float
+    reach: float
 
 
 def _pace(speed: float, stride: float | None, fps: float, leg: float) -> _Pace:
@@ -67,8 +71,9 @@ def _pace(speed: float, stride: float | None, fps: float, leg: float) -> _Pace:
         raise VitruvianError(f"stride: expected {0.4 * leg:.2f} to {2.3 * leg:.2f} m for these legs, found {stride}")
     frames = max(8, int(round(stride / speed * fps)))
     cycle = frames / fps
-    stance = float(np.clip(0.665 - 0.035 * speed, 0.57, 0.67))
-    return _Pace(speed, speed * cycle, cycle, frames, stance, float(np.clip(speed / 1.35, 0.35, 1.4)))
+    stance = float(np.clip(0.658 - 0.035 * speed, 0.57, 0.66))
+    vigour, reach = np.clip(speed / 1.35, 0.35, 1.4), np.clip(speed * cycle / (1.65 * leg), 0.3, 1.5)
+    return _Pace(speed, speed * cycle, cycle, frames, stance, float(vigour), float(reach))
 
 
 def walk(
@@ -149,7 +154,7 @@ def _swing_arm(
         forward=degrees(-6.0) + degrees(16.0) * vigour * (wave(phase, 1, 0.52) + 0.06 * wave(phase, 2, 0.55)),
         out=degrees(7.0) + degrees(1.0) * wave(phase, 1, 0.55),
         bend=degrees(11.0) + degrees(9.0) * vigour * (1 + wave(phase, 1, 0.60)) + degrees(3.0) * vigour,
-        inward=degrees(8.0) + degrees(5.0) * vigour * wave(phase, 1, 0.55),
+        inward=degrees(1.0) + degrees(3.0) * vigour * wave(phase, 1, 0.55),
         pronation=degrees(14.0),
         wrist=degrees(-4.0) * wave(phase, 1, 0.72),
         palm=degrees(5.0),
@@ -212,30 +217,28 @@ def _walk_legs(
     world = world_rotations(skeleton.parents, local)
     offset = positions(skeleton.parents, c, world, np.zeros((len(phase), 3)))
     length = float(np.mean([leg.length for leg in limbs]))
-    swing = _thigh_scale(_roll(skeleton, limbs[0], floor), pace)
+    middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
+    move = np.zeros((len(phase), 3))
+    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * wave(phase, 1, 0.31)
+    # fastest with both feet down, slowest over the standing leg; and the hips, not the sacrum, travel on the line
+    move[:, 2] = 0.008 * pace.stride * np.sin(4 * np.pi * (phase - 0.02)) - middle
     steps = []
     for leg in limbs:
         own = (phase if leg.side == "l" else phase - 0.5) % 1.0
         steps.append((leg, own, _roll(skeleton, leg, floor)))
-    way, weight = np.zeros(len(phase)), np.zeros(len(phase))
-    heights = []
-    for leg, own, roll in steps:
-        z, y = _hip_over_foot(roll, own, pace, swing)
-        z -= pace.stride * own
-        load = np.where(own < pace.stance, np.sin(np.pi * np.clip(own / pace.stance, 0.0, 1.0)) ** 2, 0.0)
-        way += load * (z - (offset[:, leg.hip, 2] - offset[:, leg.hip, 2].mean()))
-        weight += load
-        heights.append(np.where(own < pace.stance, y + floor - offset[:, leg.hip, 1], np.inf))
-    way, height = way / weight, np.min(heights, axis=0)  # with both feet down, the shorter leg decides
-    start = way.mean()  # of the hips over the toe joint at heel strike
-    move = np.zeros((len(phase), 3))
-    move[:, 0] = 0.020 * length / 0.9 * (1.35 / max(pace.speed, 0.7)) ** 0.5 * wave(phase, 1, 0.31)
-    move[:, 1] = _even(height, phase)
-    move[:, 2] = 0.7 * (_even(way, phase) - start)
-    middle = np.mean([offset[:, leg.hip, 2].mean() for leg in limbs])
-    move[:, 2] -= middle  # the hips, not the sacrum, travel on the line
+
+    def heights(start: float) -> Floats:
+        """Heights (2,F) of the root at which each standing leg has its normative knee."""
+        found = [_height(roll, own, pace, offset[:, leg.hip] + move, start) for leg, own, roll in steps]
+        return np.array(found) + floor
+
+    # how far the hips are before the foot: both legs have to want the same height at heel strike, where the leading leg
+    # takes over; the trailing one then bends as it has to
+    lead = lambda start: float(np.subtract(*heights(start)[:, 0]))  # noqa: E731
+    start = float(brentq(lead, -0.8 * length, 0.1 * length, xtol=1e-5))
+    move[:, 1] = _even(np.where(phase < 0.5, *heights(start)), phase)
     feet = [
-        _foot_way(skeleton, leg, own, roll, pace, swing, offset[:, leg.hip] + move, start, floor)
+        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor)
         for leg, own, roll in steps
     ]
     move[:, 1] -= _too_far(steps, pace, offset, move, feet)
@@ -251,45 +254,34 @@ def _walk_legs(
     return world, move
 
 
-def _legs_at(own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats, Floats]:
+def _legs_at(own: Floats, pace: _Pace) -> tuple[Floats, Floats, Floats]:
     """Thigh, knee and foot pitch (n,) at phases of one leg; the curves' stance of 62 % is stretched to this walk's."""
     at = np.interp(own, [0.0, pace.stance, 1.0], [0.0, 0.62, 1.0])
     knee = _curve(KNEE)(at)
     early = np.exp(-(((at - 0.15) / 0.09) ** 2))  # giving way under the load grows with speed
     knee = knee * (1 + (np.clip(pace.vigour, 0.5, 1.3) - 1) * 0.8 * early)
     foot = _curve(FOOT)(at)
-    foot = np.where(foot > 0, foot * np.clip(swing, 0.4, 1.15), foot * np.clip(0.5 + 0.5 * swing, 0.6, 1.05))
-    return np.radians(1.0) + swing * _curve(THIGH)(at), knee, foot
+    foot = np.where(foot > 0, foot * np.clip(pace.reach, 0.4, 1.15), foot * np.clip(0.5 + 0.5 * pace.reach, 0.6, 1.05))
+    return pace.reach * _curve(THIGH)(at), knee, foot
 
 
-def _hip_over_foot(roll: _Roll, own: Floats, pace: _Pace, swing: float) -> tuple[Floats, Floats]:
-    """Hip z from the flat foot's toe joint and y over the floor (n,) when the leg stands with normative angles."""
-    thigh, knee, foot = _legs_at(own, pace, swing)
+def _height(roll: _Roll, own: Floats, pace: _Pace, hip: Floats, start: float) -> Floats:
+    """How much (n,) the hip (n,3) has to be lifted for the leg to stand with its normative knee."""
+    _, knee, foot = _legs_at(own, pace)
     ankle, _ = roll.at(foot)
-    z = ankle[:, 0] - roll.leg.thigh * np.sin(thigh) - roll.leg.shank * np.sin(thigh - knee)
-    y = ankle[:, 1] + roll.leg.thigh * np.cos(thigh) + roll.leg.shank * np.cos(thigh - knee)
-    return z, y
-
-
-def _thigh_scale(roll: _Roll, pace: _Pace) -> float:
-    """How much of the normative thigh swing makes this stride: the hip goes half a stride while the load changes over."""
-
-    def lack(swing: float) -> float:
-        z, _ = _hip_over_foot(roll, np.array([0.06, 0.56]) * pace.stance / 0.62, pace, swing)
-        return float(z[1] - z[0]) - 0.5 * pace.stride * pace.stance / 0.62
-
-    low, high = 0.2, 2.2
-    if lack(low) > 0 or lack(high) < 0:
-        return low if lack(low) > 0 else high
-    return float(brentq(lack, low, high, xtol=1e-6))
+    a, b = roll.leg.thigh, roll.leg.shank
+    reach = a * a + b * b + 2 * a * b * np.cos(knee)
+    flat = (hip[:, 2] - (ankle[:, 0] - start - pace.stride * own)) ** 2 + (0.05 * roll.leg.length) ** 2
+    lift = ankle[:, 1] + np.sqrt(np.maximum(reach - flat, 1e-6)) - hip[:, 1]
+    return lift
 
 
 def _even(values: Floats, phase: Floats) -> Floats:
     """Mean, second and fourth harmonic of one cycle: both steps alike, nothing jerky."""
     out = np.full(len(values), values.mean())
     for k in (2, 4):
-        for wave in (np.cos(2 * np.pi * k * phase), np.sin(2 * np.pi * k * phase)):
-            out = out + 2 * (values @ wave) / len(values) * wave
+        for part in (np.cos(2 * np.pi * k * phase), np.sin(2 * np.pi * k * phase)):
+            out = out + 2 * (values @ part) / len(values) * part
     return out
 
 
@@ -299,7 +291,6 @@ def _foot_way(
     own: Floats,
     roll: _Roll,
     pace: _Pace,
-    swing: float,
     hip: Floats,
     start: float,
     floor: float,
@@ -307,7 +298,7 @@ def _foot_way(
     """Ankle (F,3) less the way of the hips, the foot's world rotation (F,4) and the bend of its toes (F,)."""
     sign = 1.0 if leg.side == "l" else -1.0
     c = skeleton.centers
-    thigh, knee, pitch = _legs_at(own, pace, swing)
+    thigh, knee, pitch = _legs_at(own, pace)
     ankle, bend = roll.at(pitch)
     ankle[:, 0] += -start - pace.stride * own
     stands = own < pace.stance
@@ -326,7 +317,7 @@ def _foot_way(
     eps = 1e-4
     ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
     ends[2] = 0.0
-    _, _, turned = _legs_at(ends, pace, swing)
+    _, _, turned = _legs_at(ends, pace)
     edge, _ = roll.at(turned)
     edge[:, 0] += -start - pace.stride * np.array([pace.stance - eps, pace.stance, 0.0, eps])
     miss = edge - loop(np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]))

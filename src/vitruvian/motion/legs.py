@@ -103,14 +103,17 @@ def smooth(t: Floats) -> Floats:
     return t * t * (3 - 2 * t)
 
 
-def footholds(skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], fps: float) -> dict[str, Foothold]:
+def footholds(
+    skeleton: Skeleton, world: Floats, move: Floats, limbs: tuple[Leg, ...], fps: float
+) -> dict[str, Foothold]:
     """When heel and ball of each leg stand in a clip as it comes: world rotations (F,J,4), root translation (F,3)."""
     place = positions(skeleton.parents, skeleton.centers, world, move)
     out = {}
     for leg in limbs:
         foot, ankle = world[:, leg.ankle], place[:, leg.ankle]
         heel, ball = (
-            standing(ankle + rotate(foot, p - skeleton.centers[leg.ankle]), fps, height=0.02) for p in (leg.heel, leg.pivot)
+            standing(ankle + rotate(foot, p - skeleton.centers[leg.ankle]), fps, height=0.02)
+            for p in (leg.heel, leg.pivot)
         )
         # an end of the foot that comes loose for a moment while the other stands has not been lifted
         for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
@@ -221,7 +224,9 @@ def _steps(
     return goal, foot, hold
 
 
-def _split(hold: Foothold, ends: tuple[Floats, Floats], fps: float, drift: float = 0.05, pause: float = 0.1) -> Foothold:
+def _split(
+    hold: Foothold, ends: tuple[Floats, Floats], fps: float, drift: float = 0.05, pause: float = 0.1
+) -> Foothold:
     """Contacts in which heel or ball (`ends`: paths (F,3)) go farther than `drift` (m) are cut where that is fastest.
 
     So slow steps, which never get faster than a contact may, become steps.

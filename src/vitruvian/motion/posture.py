@@ -64,7 +64,7 @@ def hang_arm(
 ) -> None:
     """Local rotations (in place) of one arm from angles in radians, each a number or (F,).
 
-    forward and out: the upper arm from hanging straight down; bend: the elbow; inward: about the upper arm towards the
+    forward: the upper arm, out: the whole arm from hanging straight down; bend: the elbow; inward: about the upper arm towards the
     body; pronation: thumb inwards; wrist: towards the thumb; palm: towards the palm. They mean the same whatever arm the
     rest pose shows, because what the rest pose already has is taken off.
     """
@@ -74,7 +74,8 @@ def hang_arm(
     sign = 1.0 if side == "l" else -1.0
     c, count = skeleton.centers, np.zeros(len(local))
     upper = unit(c[elbow] - c[shoulder])
-    spread, front = np.arctan2(sign * upper[0], -upper[1]), np.arctan2(upper[2], -upper[1])
+    line = unit(c[elbow if hand is None else hand] - c[shoulder])  # the whole arm decides how far it hangs off the body
+    spread, front = np.arctan2(sign * line[0], -line[1]), np.arctan2(upper[2], -upper[1])
     swing = multiply(about(X, count - (forward - front)), about(Z, count + sign * (out - spread)))
     local[:, shoulder] = multiply(swing, about(Y, count - sign * np.asarray(inward)))
     if hand is None:

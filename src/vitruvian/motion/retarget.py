@@ -336,6 +336,7 @@ def _transfer(
     world[..., 3] = 1.0
     given = [False] * len(skeleton)
     trunk = _trunk(source, skeleton, target, facing)
+    lean = about(np.eye(3)[0], _lean(source, skeleton, target, facing))
     base = source.fork("l_hip", "r_hip", "skullbase", "l_shoulder", "r_shoulder")
     pelvis = source.fork("l_hip", "r_hip")
     drivers = dict(source.index)
@@ -349,6 +350,8 @@ def _transfer(
             world[:, j] = trunk[name]
         elif name in drivers:
             world[:, j] = multiply(source.turn[:, drivers[name]], align.get(name, facing))
+            if name in ("l_sternoclavicular", "r_sternoclavicular") and trunk:
+                world[:, j] = multiply(world[:, j], lean)
         else:
             continue
         given[j] = True
@@ -371,35 +374,63 @@ def _trunk(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: 
     path = source.path(head)
     path = path[path.index(base) :]
     arms = source.fork("l_shoulder", "skullbase") or source.fork("r_shoulder", "skullbase")
-    his = _along(source.rest[path], path.index(arms) if arms in path[1:-1] else max(1, len(path) // 2))
+    his_arms = path.index(arms) if arms in path[1:-1] else max(1, len(path) // 2)
+    his = _along(source.rest[path], his_arms)
     names = ["humanoid_root", *VERTEBRAE, "skullbase"]
     own_path = [target[n] for n in names if n in target]
-    mine = [n for n in VERTEBRAE if n in target]
-    if not mine or "skullbase" not in target or "humanoid_root" not in target:
+    wanted = [n for n in VERTEBRAE if n in target and n not in source.index]
+    if not wanted or "skullbase" not in target or "humanoid_root" not in target:
         return {}
     carrier = target.get("l_sternoclavicular", target.get("l_shoulder", target["skullbase"]))
     while carrier >= 0 and carrier not in own_path:
         carrier = int(skeleton.parents[carrier])
-    own = _along(skeleton.centers[own_path], max(1, own_path.index(carrier)))
+    own_arms = max(1, own_path.index(carrier)) if carrier in own_path else 1
+    own = _along(skeleton.centers[own_path], own_arms)
+    own[own_arms] = 1.0
+    # the joint that carries the arms has its turn up to where the neck begins
+    his = np.insert(his, his_arms + 1, 1.0)
+    drivers = np.array([*path[: his_arms + 1], path[his_arms], *path[his_arms + 1 :]])
     his[0] = 0.0
-    wanted = [n for n in mine if n not in source.index]
     at = np.array([own[own_path.index(target[n])] for n in wanted])
     right = np.clip(np.searchsorted(his, at, side="left"), 1, len(his) - 1)
     span = his[right] - his[right - 1]
     t = np.where(span > 1e-9, (at - his[right - 1]) / np.maximum(span, 1e-9), 1.0)
-    turns = source.turn[:, path]
-    world = slerp(turns[:, right - 1], turns[:, right], np.clip(t, 0.0, 1.0))
-    world = multiply(world, facing)
+    before, after = source.turn[:, drivers[right - 1]], source.turn[:, drivers[right]]
+    # the lumbar spine takes what the two rest poses differ in lean, the neck gives it back
+    lean = _lean(source, skeleton, target, facing) * np.clip(np.minimum(2 * at, 2 - at), 0.0, 1.0)
+    world = multiply(multiply(slerp(before, after, np.clip(t, 0.0, 1.0)), facing), about(np.eye(3)[0], lean))
     return {name: world[:, i] for i, name in enumerate(wanted)}
 
 
+def _lean(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> float:
+    """How much farther forward (radians) the source's head is over its hips at rest than the target's.
+
+    Rigs draw their spines straight up, anatomical ones lean from the sacrum to the head; without this the target would
+    bow all the time. At most 15 degrees: more than that is a pose.
+    """
+    names = ("l_hip", "r_hip", "skullbase")
+    if not all(n in source.index and n in target for n in names):
+        return 0.0
+    angles = []
+    for points in (rotate(inverse(facing), source.rest[[source.index[n] for n in names]]), None):
+        left, right, head = skeleton.centers[[target[n] for n in names]] if points is None else points
+        way = head - 0.5 * (left + right)
+        angles.append(np.arctan2(way[2], way[1]))
+    return float(np.clip(angles[0] - angles[1], -np.radians(15), np.radians(15)))
+
+
 def _along(points: Floats, arms: int) -> Floats:
-    """Where each bone's middle lies: 0..1 up to the joint that carries the arms, 1 there, 1..2 from it to the head."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    middle = np.append(0.5 * (length[1:] + length[:-1]), length[-1])
-    below, above = max(length[arms], 1e-9), max(length[-1] - length[arms], 1e-9)
-    out = np.where(np.arange(len(points)) < arms, middle / below, 1 + (middle - length[arms]) / above)
-    out[arms] = 1.0
+    """Where the middle of each joint's bone lies: 0..1 up to the end of the one that carries the arms, 1..2 to the head.
+
+    CMU's conversions have dropped the length of the chest; it gets the mean of the bones below.
+    """
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if length[arms] < 1e-6 and arms > 0:
+        length[arms] = length[:arms].sum() / max(1, np.count_nonzero(length[:arms] > 1e-6))
+    ends = np.cumsum(length)
+    middle = np.append(ends - 0.5 * length, ends[-1])
+    chest, rest = max(ends[arms], 1e-9), max(ends[-1] - ends[arms], 1e-9)
+    out = np.where(np.arange(len(points)) <= arms, middle / chest, 1 + (middle - ends[arms]) / rest)
     return np.maximum.accumulate(np.clip(out, 0.0, 2.0))
 
 
