@@ -122,6 +122,15 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
             "shorts": m.leg(q, 0.74),
             "trousers": m.leg(q, 1.93),
             "shoe": high - q[:, 1] + 0.25 * np.maximum(q[:, 2] - 0.09, 0),
+            "lace": np.minimum.reduce(
+                [
+                    0.017 - np.abs(np.abs(q[:, 0]) - centers["l_metatarsophalangeal_2"][0]),
+                    0.004 * np.sin(q[:, 2] * 2 * np.pi / 0.019) - 0.0012,
+                    0.5 * (q[:, 2] - 0.035),
+                    0.5 * (0.118 - q[:, 2]),
+                    0.5 * (q[:, 1] - ground - 0.035),
+                ]
+            ),
             "sole": (ground + 0.016) - q[:, 1],
         }
 
@@ -170,16 +179,13 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
         pieces = np.where((low > 0.024) & (low < 0.0265), 2, 0)
         out[name] = garment(legs, reference, np.maximum(loose, 0.0015), shade, pieces)
 
-    shoe = split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007)
+    shoe = split(split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007), "lace")
     f, q = shoe.fields, shoe.at(reference)
     collar = ramp(f["shoe"], 0.0, 0.02)
     loose = 0.0045 + 0.002 * (1 - collar) + 0.0035 * (f["sole"] >= 0)
     shade = 1 - 0.10 * (1 - collar)
     pieces = np.where(f["sole"][shoe.triangles].mean(axis=1) > 0, 1, 0)
-    laces = (
-        (np.abs(np.abs(q[:, 0]) - centers["l_metatarsophalangeal_2"][0]) < 0.02) & (q[:, 2] > 0.04) & (q[:, 2] < 0.13)
-    )
-    shade = np.where(laces & (np.sin(q[:, 2] * 2 * np.pi / 0.022) > 0) & (f["sole"] < 0), 1.35, shade)
+    pieces[f["lace"][shoe.triangles].mean(axis=1) > 0] = 1
     out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {
         "flat": np.clip(f["sole"] / 0.007, 0, 1).astype(np.float32)
     }

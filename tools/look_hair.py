@@ -12,8 +12,8 @@ Array = np.ndarray
 CENTER = np.array([0.0, 0.765, 0.045])
 # Where the hair ends: azimuth from the front (degrees) -> elevation seen from CENTER (degrees).
 LINE = np.array(
-    [(0, 32), (18, 32), (32, 29), (43, 20), (52, 8), (57, -8), (61, -20), (66, -22), (71, -8), (80, -3), (95, -1),
-     (108, -6), (118, -18), (130, -33), (145, -44), (165, -50), (180, -52)], dtype=float
+    [(0, 32), (18, 32), (32, 29), (43, 20), (52, 8), (57, -8), (61, -20), (66, -22), (71, -8), (80, -3), (95, -3),
+     (102, -9), (109, -26), (117, -38), (132, -46), (145, -49), (165, -50), (180, -52)], dtype=float
 )  # fmt: skip
 
 
@@ -272,7 +272,7 @@ def bun(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
     side = np.array([1.0, 0, 0])
     up = np.cross(side, knot)
     turns = np.linspace(0, 2 * np.pi, 26, endpoint=False)
-    s = np.linspace(-0.95, 0.95, 10) * np.pi / 2
+    s = np.linspace(-0.99, 0.99, 10) * np.pi / 2
     winding = turns[:, None] + 0.9 * s
     ball = (
         0.033 * (np.cos(s) * np.cos(winding))[..., None] * side
@@ -302,7 +302,7 @@ def brows(skin: Skin, eye: Array) -> dict[str, Array]:
         thick = np.interp(u, [0, 0.15, 0.6, 1], [0.0026, 0.0034, 0.0026, 0.0008])
         root = np.stack([x, y + v * thick], 1)
         lean = np.radians(np.interp(u, [0, 0.2, 0.5, 1], [58, 36, 10, -18]) - 16 * v)
-        length = np.interp(u, [0, 0.3, 1], [0.0062, 0.0088, 0.0072]) * rng.uniform(0.8, 1.15, n)
+        length = np.interp(u, [0, 0.3, 1], [0.0062, 0.0082, 0.0048]) * rng.uniform(0.8, 1.15, n)
         s = np.linspace(0, 1, 3)
         line = root[:, None] + (length[:, None] * s)[..., None] * np.stack([np.cos(lean), np.sin(lean)], 1)[:, None]
         q = np.concatenate([line * [side, 1], np.zeros((n, 3, 1))], axis=-1) + [side * eye[0], eye[1], 0.4]

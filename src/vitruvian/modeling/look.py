@@ -219,7 +219,8 @@ def source_part(name: str, rows: slice, color: Color, roughness: float, points: 
     index = np.arange(rows.start, rows.stop)
     parents = csr_matrix((np.ones(len(index)), (np.arange(len(index)), index)), (len(index), source.POINTS))
     triangles = (source.array(f"{name}_triangles") - rows.start).astype(np.int32)
-    return LookPart(name, points[rows], triangles, np.tile(color, (len(index), 1)), parents, roughness)
+    back = np.array([0.0, 0.0, -0.003 if name == "teeth" else 0.0])  # the lips do not quite close over them
+    return LookPart(name, points[rows] + back, triangles, np.tile(color, (len(index), 1)), parents, roughness)
 
 
 def auto_hair(gender: float, age: float) -> str:

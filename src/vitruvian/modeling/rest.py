@@ -19,7 +19,7 @@ from vitruvian.body.types import Floats, Ints, Weights
 
 DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
-MOST_TILT = 0.25  # sine of the largest tilt of an upper arm
+MOST_TILT = 0.42  # sine of the largest tilt of an upper arm
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
