@@ -98,12 +98,14 @@ def bench(
     """Measure this package against peers in one run and print ratios. Run it in a checkout of the project."""
     import os
     import platform
+    import sys
     from importlib.util import module_from_spec, spec_from_file_location
 
     folder = Path.cwd() / "benchmarks"
     known = sorted(p.stem for p in folder.glob("[a-z]*.py"))
     if not known:
         raise VitruvianError(f"{folder}: no benchmarks here; run this in a checkout of the project")
+    sys.path.insert(0, str(folder))  # benchmarks share pieces
     rows: list[dict[str, Any]] = []
     for name in names or known:
         if name not in known:
