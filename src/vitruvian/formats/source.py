@@ -26,8 +26,8 @@ class Limits:
 
     bytes: int = 128 * _MIB
     ratio: int = 200
-    nodes: int = 200_000
-    entries: int = 1_000_000
+    nodes: int = 100_000
+    entries: int = 500_000
     depth: int = 512
     protos: int = 32
     expansion: int = 4_000_000
