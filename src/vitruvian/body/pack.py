@@ -235,10 +235,10 @@ def _morph(displacer: Displacer, where: str, count: int, joint: int) -> Morph | 
     if len(index) != len(offset) or not good.all():
         what = f"{len(index)} indices, {len(offset)} displacements, {count} points"
         warn(f"Displacer {displacer.name} of {where}: {what}; entries that do not fit are skipped")
-    index, offset = index[:n][good].astype(np.int32), offset[:n][good]
-    if not len(index):
+    kept, offset = index[:n][good].astype(np.int32), offset[:n][good]
+    if not len(kept):
         return None
-    return Morph(displacer.name, index, offset, joint, weight=float(displacer.weight))
+    return Morph(displacer.name, kept, offset, joint, weight=float(displacer.weight))
 
 
 def _holders(joint: Joint) -> Iterator[tuple[Segment | Site, Floats]]:
@@ -290,7 +290,7 @@ def _segment_morphs(displacer: Displacer, segment: Segment, starts: list[tuple[S
         return []
     out = []
     for shape, first in starts:
-        if shape.points is model or np.array_equal(shape.points, model):
+        if shape.points is not None and np.array_equal(shape.points, model):
             turn = np.eye(3) if shape.transform is None else np.asarray(shape.transform)[:3, :3]
             index, offset = morph.index + np.int32(first), morph.offset @ turn.T
             out.append(Morph(morph.name, index, offset, joint, before=True, weight=morph.weight))

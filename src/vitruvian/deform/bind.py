@@ -227,11 +227,11 @@ def _lane_bucket(rows: Influences, rest: Floats, chosen: Ints, width: int) -> Bu
     count = len(place)
     place = np.concatenate([place, np.repeat(place[-1:], -count % LANES)])
     joint = _lay((joint[place] * DUAL).astype(np.int32), LANES)
-    weight = _lay(weight[place].astype(np.float32), LANES)
+    shares = _lay(weight[place].astype(np.float32), LANES)
     uniform = (joint == joint[:, :, :1]).all(axis=(1, 2)).astype(np.uint8)
     vertices = chosen[place]
     points = _lay(rest[vertices].astype(np.float32), LANES)
-    return Bucket(width, LANES, count, vertices, points, joint, weight, None, target, uniform)
+    return Bucket(width, LANES, count, vertices, points, joint, shares, None, target, uniform)
 
 
 def _grouped(joint: Ints) -> Ints:

@@ -49,7 +49,9 @@ def pairs_of(rows: Influences) -> Pairs:
     order = np.argsort(owner, kind="stable")
     row = np.zeros(len(sets) + 1, np.int32)
     np.cumsum(np.bincount(owner, minlength=len(sets)), out=row[1:])
-    return Pairs(joints.astype(np.int32), row, pair.reshape(-1)[order].astype(np.int32), group.reshape(-1))
+    return Pairs(
+        joints.astype(np.int32), row, pair.reshape(-1)[order].astype(np.int32), group.reshape(-1).astype(np.int32)
+    )
 
 
 def radii(pairs: Pairs, body: Body) -> Floats:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vitruvian.body.types import Floats
+from vitruvian.body.types import Floats, Ints
 from vitruvian.deform import se3
 from vitruvian.deform.bind import Influences
 
@@ -59,7 +59,7 @@ def log_absolute(rows: Influences, duals: Floats) -> Floats:
     return se3.exp(rows.sum @ joint_twists(duals)[rows.joint])
 
 
-def pair_twists(pairs: Floats, duals: Floats) -> Floats:
+def pair_twists(pairs: Ints, duals: Floats) -> Floats:
     """(...,P,6) twists log(M_a^-1 M_b), the short way, of pairs (P,2)."""
     relative = se3.product(se3.reverse(duals[..., pairs[:, 0], :]), duals[..., pairs[:, 1], :])
     return joint_twists(relative)
