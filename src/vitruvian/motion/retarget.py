@@ -338,6 +338,10 @@ def _transfer(
     base = source.fork("l_hip", "r_hip", "skullbase", "l_shoulder", "r_shoulder")
     pelvis = source.fork("l_hip", "r_hip")
     drivers = dict(source.index)
+    for side in "lr":
+        # a thumb without fingers is CMU's: it shows where the palm is, but its angles flip from frame to frame
+        if not any(f"{side}_{joint}" in drivers for k in range(2, 6) for joint in FINGER_JOINTS[k]):
+            drivers.pop(f"{side}_carpometacarpal_1", None)
     if base is not None and "humanoid_root" in target:
         drivers.setdefault("humanoid_root", base)
         drivers["humanoid_root"] = max(drivers["humanoid_root"], base)
