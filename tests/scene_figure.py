@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from vitruvian.formats.x3d import parse_x3d
+from vitruvian.hanim import tables
 from vitruvian.hanim.graph import Scene
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Material, Segment, Shape, Site, Track
 
 # A root, a spine joint, an arm of two joints, a little skin.
 GOOD = """<X3D profile="Immersive" version="4.0">
@@ -43,6 +47,11 @@ GOOD = """<X3D profile="Immersive" version="4.0">
 </X3D>
 """
 
+MOTION = (
+    '<HAnimMotion DEF="run" joints="humanoid_root vl5" channels="3 Xposition Yposition Zposition 1 Xrotation" '
+    'values="0 0 0 0 0 0 0 45" enabled="true" loop="true" frameDuration="0.1"/></HAnimHumanoid>'
+)
+
 VRML = """#VRML V2.0 utf8
 PROTO Joint [ exposedField SFString name "" exposedField SFVec3f center 0 0 0 exposedField SFRotation rotation 0 0 1 0
   exposedField MFNode children [ ] exposedField MFFloat llimit [ ] exposedField MFFloat ulimit [ ] ]
@@ -70,3 +79,53 @@ def broken(old: str, new: str, count: int = 1) -> Scene:
 
 def good() -> Scene:
     return parse_x3d(GOOD.encode(), "tin.x3d")
+
+
+def typed(loa: int = 1, *, skin: bool = True, version: str = "2.0") -> Humanoid:
+    """A typed figure of that level: a quad of skin (or a triangle of segment geometry) per joint, a site, a clip."""
+    centers = tables.default_centers(version)
+    names = tables.joints_at(loa, version)
+    table = tables.joints(version)
+    joints = {n: Joint(n, center=centers[n]) for n in names}
+    for n in names:
+        parent = tables.parent_at(n, loa, version)
+        if parent is not None:
+            joints[parent].joints.append(joints[n])
+        joints[n].segments.append(Segment(table[n].segment, mass=1.5))
+    points, triangles = [], []
+    look = Material("skin", (0.8, 0.6, 0.5), roughness=0.5)
+    for k, n in enumerate(names):
+        quad = centers[n] + 0.02 * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 1]])
+        corner = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        if skin:
+            points.append(quad)
+            triangles.append(corner + 4 * k)
+            joints[n].skin_coord_index = np.arange(4 * k, 4 * k + 4, dtype=np.int32)
+            joints[n].skin_coord_weight = np.array([1, 1, 0.75, 0.5])
+        else:
+            joints[n].segments[0].shapes.append(Shape(n, corner, points=quad, material=look))
+    h = Humanoid("Ada", version, loa, skeleton=[joints[names[0]]], info={"age": "36"})
+    if skin:
+        h.skin_coord = np.concatenate(points)
+        every = np.concatenate(triangles)
+        half = len(every) // 2
+        uv = np.linspace(0, 1, 2 * len(h.skin_coord)).reshape(-1, 2)
+        h.skin = [
+            Shape("front", every[:half], uv=uv, uv_triangles=every[:half].copy(), material=look),
+            Shape("back", every[half:], colors=np.full((len(h.skin_coord), 3), 0.25), material=Material("shirt")),
+        ]
+        joints["skullbase"].displacers.append(
+            Displacer("blink_action", np.array([0, 1], np.int32), np.array([[0, 0.01, 0], [0, -0.01, 0]]), weight=0.5)
+        )
+    joints["skullbase"].segments[0].sites.append(Site("skull_vertex_tip", translation=np.array([0, 1.75, 0])))
+    joints["skullbase"].sites.append(Site("front_view", translation=np.array([0, 1.6, 2.0])))
+    joints["l_shoulder"].llimit, joints["l_shoulder"].ulimit = np.full(3, -1.5), np.full(3, 1.25)
+    joints["l_shoulder"].stiffness = np.array([0.5, 0, 0])
+    keys = np.array([0, 0.5, 1])
+    turn = np.array([[0, 0, 1, 0], [0, 0, 1, 1.5], [0, 0, 1, 0]], float)
+    walk = np.array([[0, 0, 0], [0, 0, 0.5], [0, 0, 1]], float)
+    h.tracks = [
+        Track("l_shoulder", "rotation", keys, turn, 2.0, True, "wave"),
+        Track(names[0], "translation", keys, walk, 2.0, True, "wave"),
+    ]
+    return h

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from figures import figure
+from skeletons import figure
 from vitruvian.body.rotations import from_euler, multiply, rotate, to_matrix
 from vitruvian.errors import FileError, VitruvianError, VitruvianWarning
 from vitruvian.formats.bvh import read_bvh, write_bvh

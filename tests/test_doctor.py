@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scene_figure import GOOD, VRML, broken, good
+from scene_figure import GOOD, MOTION, VRML, broken, good, typed
+from vitruvian.errors import FileError
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
-from vitruvian.hanim.doctor import SEVERITY, check
+from vitruvian.hanim.build import scene_of
+from vitruvian.hanim.doctor import SEVERITY, check, unreadable
 from vitruvian.hanim.graph import Literal, Scene
 
 SKIN_COORD = '<Coordinate USE="hanim_skin_coords" containerField="skinCoord"/>'
@@ -19,10 +21,6 @@ ROOT_JOINT = '<HAnimJoint USE="hanim_humanoid_root" containerField="joints"/>'
 VL5_JOINT = '<HAnimJoint USE="hanim_vl5" containerField="joints"/>'
 SITE = '<HAnimSite USE="hanim_navel_pt" containerField="sites"/>'
 ELBOW = '<HAnimJoint DEF="hanim_l_elbow"'
-MOTION = (
-    '<HAnimMotion DEF="run" joints="humanoid_root vl5" channels="3 Xposition Yposition Zposition 1 Xrotation" '
-    'values="0 0 0 0 0 0 0 45" enabled="true" loop="true" frameDuration="0.1"/></HAnimHumanoid>'
-)
 FEED = '<ROUTE fromNode="Clock" fromField="fraction_changed" toNode="Turn" toField="set_fraction"/>'
 ENDS = "</HAnimJoint></HAnimJoint></HAnimJoint>"
 DISPLACER = '<HAnimDisplacer DEF="d" name="bulge_action" coordIndex="5 6" displacements="0 0 1 0 0 2"/>'
@@ -30,6 +28,15 @@ DISPLACER = '<HAnimDisplacer DEF="d" name="bulge_action" coordIndex="5 6" displa
 # rule, what stands in the good figure, what stands instead, a piece of the message
 MUTATIONS = [
     ("F03", 'name="vl5"', 'name="vl5" centre="0 0 0"', "no field centre"),
+    ("F07", '<component name="HAnim" level="1"/>', "", "without component HAnim"),
+    ("V05", 'name="humanoid_root"', 'name="HumanoidRoot"', "the root is called HumanoidRoot"),
+    ("D04", 'mass="3"', 'mass="-3"', "mass -3 is negative"),
+    ("D04", 'mass="3"', 'momentsOfInertia="1 0 0 0 1 0 0 0 3"', "belongs to no solid"),
+    ("D04", 'mass="3"', 'momentsOfInertia="1 0.5 0 0 1 0 0 0 1"', "not symmetric"),
+    ("M11", 'keyValue="0 0 1 0 0 0 1 1', 'keyValue="0 0 1 0 0 0 1 0', "1 interpolators give the same value"),
+    ("M19", 'loa="-1"', 'visible="false"', "visible is FALSE"),
+    ("M19", "<HAnimHumanoid", "<Switch><HAnimHumanoid", "whichChoice -1"),
+    ("M21", ELBOW, "<Shape><Box/></Shape>" + ELBOW, "1 shapes stand in joint l_shoulder"),
     ("F04", 'DEF="hanim_skin"', 'DEF="hanim_faces"', "given twice"),
     ("F05", 'USE="hanim_navel_pt"', 'USE="hanim_nabel_pt"', "USE hanim_nabel_pt has no DEF before it"),
     ("F06", ' containerField="skeleton"', "", "without containerField"),
@@ -103,8 +110,11 @@ def test_nothing_is_wrong_with_the_good_figure() -> None:
 
 @pytest.mark.parametrize(("rule", "old", "new", "message"), MUTATIONS, ids=[f"{m[0]}-{m[3][:20]}" for m in MUTATIONS])
 def test_each_rule_finds_its_defect(rule: str, old: str, new: str, message: str) -> None:
-    found = [f for f in check(broken(old, new)) if f.rule == rule]
-    assert found, sorted(rules(broken(old, new)))
+    ends = ("</HAnimHumanoid>", "</HAnimHumanoid></Switch>") if "<Switch>" in new else ("", "")
+    scene = parse_x3d(GOOD.replace(old, new, 1).replace(*ends).encode(), "tin.x3d")
+    assert old in GOOD
+    found = [f for f in check(scene) if f.rule == rule]
+    assert found, sorted(rules(scene))
     finding = next(f for f in found if message in f.message)
     assert finding.severity == {"E": "error", "W": "warning", "N": "note"}[SEVERITY[rule]]
     assert finding.line > 0
@@ -112,7 +122,7 @@ def test_each_rule_finds_its_defect(rule: str, old: str, new: str, message: str)
 
 
 def test_every_error_rule_has_a_mutation() -> None:
-    elsewhere = {"M06", "M12", "M20", "M21", "M22", "V02", "V03", "V05", "T03", "S07", "D02"}
+    elsewhere = {"F02", "M06", "M12", "M20", "M22", "V02", "V03", "T03", "S07", "D02", "P04", "P05"}
     assert set(SEVERITY) - {m[0] for m in MUTATIONS} <= elsewhere
 
 
@@ -126,6 +136,27 @@ def test_level_of_articulation() -> None:
     assert "11 of its joints are missing" in found["V02"].message
     found = {f.rule: f for f in check(parse_x3d(whole.replace('loa="1"', 'loa="0"').encode(), "w.x3d"))}
     assert "6 joints of higher levels" in found["V03"].message
+
+
+def test_pose_and_size_of_a_whole_body() -> None:
+    assert {f.rule for f in check(scene_of([typed(1)])[0])} == {"S03"}  # its weights do not sum to one, on purpose
+    giant, airborne, tpose = typed(1), typed(1), typed(1)
+    giant.scale = np.full(3, 100.0)
+    for j in airborne.joints():
+        j.center = j.center + [0, 3, 0]
+    tpose.joint("l_radiocarpal").center = tpose.joint("l_shoulder").center + [0.5, 0, 0]
+    for h, rule, message in (
+        (giant, "P05", "measures 156 m: the units are not metres"),
+        (airborne, "P05", "the ankles are 3.1 m above the ground"),
+        (tpose, "P04", "the left arm is 90 degrees off the body"),
+    ):
+        found = {f.rule: f for f in check(scene_of([h])[0])}
+        assert message in found[rule].message
+
+
+def test_a_file_that_cannot_be_read_is_one_finding() -> None:
+    finding = unreadable(FileError("x.x3d", 7, "mismatched tag"))
+    assert (finding.rule, finding.severity, finding.line, finding.message) == ("F02", "error", 7, "mismatched tag")
 
 
 def test_all_zero_and_no_weights() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from figures import figure, wave
+from small_body import figure, wave
 from vitruvian.errors import MissingExtra, VitruvianError
 from vitruvian.formats.atomic import atomic
 from vitruvian.hanim.humanoid import Humanoid

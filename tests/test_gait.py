@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from figures import figure, scaled_legs
+from skeletons import figure, scaled_legs
 from vitruvian.body.rotations import rotate, to_vector
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm, legs, sole_points

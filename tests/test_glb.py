@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from figures import CENTERS, figure, wave
 from gltf_player import Player
+from small_body import CENTERS, figure, wave
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Skeleton, Weights
@@ -221,6 +221,11 @@ def test_khronos_validator_finds_nothing(tmp_path: Path, referee: Path) -> None:
         for influences in (4, 8):
             files.append(tmp_path / f"{name}{influences}.glb")
             write_glb(thing, files[-1], influences=influences)
+    assert_clean(files, referee)
+
+
+def assert_clean(files: list[Path], referee: Path) -> None:
+    """The Khronos validator reports no error, warning or information about any of the files."""
     script = Path(__file__).with_name("referee_gltf.mjs")
     done = subprocess.run(
         [shutil.which("node") or "node", str(script), *map(str, files)], capture_output=True, text=True, timeout=60,
@@ -231,3 +236,50 @@ def test_khronos_validator_finds_nothing(tmp_path: Path, referee: Path) -> None:
     assert len(reports) == len(files)
     for report in reports:
         assert not report["errors"] and not report["warnings"] and not report["infos"], report
+
+
+def humanoids_of(path: Path) -> list[Humanoid]:
+    from vitruvian.formats.vrml import read_vrml
+    from vitruvian.formats.x3d import read_x3d
+    from vitruvian.hanim.view import humanoids
+
+    return humanoids(read_x3d(path) if path.suffix == ".x3d" else read_vrml(path))
+
+
+@pytest.mark.filterwarnings("ignore::vitruvian.errors.VitruvianWarning")
+def test_real_figures_are_clean(tmp_path: Path, shared: Path, referee: Path) -> None:
+    from vitruvian.body.pack import pack
+    from vitruvian.motion.tracks import motion_of
+
+    names = ("JoeKick.x3d", "JinLOA3.x3d", "NancyPrototypes.wrl", "DiamondManLOA2.x3d", "JinScaledV2L1LOA4Humanoid.x3d")
+    files = []
+    for name in names:
+        humanoid = humanoids_of(shared / "data" / "hanim" / name)[0]
+        body = pack(humanoid)
+        files.append(tmp_path / f"{name}.glb")
+        write_glb(Clip(humanoid, body, motion_of(humanoid, body.skeleton), "linear"), files[-1])
+    assert_clean(files, referee)
+
+
+@pytest.mark.filterwarnings("ignore::vitruvian.errors.VitruvianWarning")
+def test_known_pose_of_a_real_figure(tmp_path: Path, shared: Path) -> None:
+    """Places that browsers show (X_ITE, in humanoid space), reached through the file's own nodes and skin."""
+    from vitruvian.body.pack import pack
+    from vitruvian.motion.types import Motion
+
+    humanoid = humanoids_of(shared / "data" / "hanim" / "JinNoAnimations_Fixed.x3d")[0]
+    body = pack(humanoid)
+    rotation = np.zeros((1, len(body.skeleton), 4))
+    rotation[..., 3] = 1
+    turns = (("l_shoulder", 2, np.pi / 2), ("l_elbow", 0, -1), ("l_hip", 0, -0.6), ("l_knee", 0, 0.8), ("vl5", 1, 0.3))
+    for name, axis, angle in turns:
+        joint = body.skeleton.index[name]
+        rotation[0, joint, axis], rotation[0, joint, 3] = np.sin(angle / 2), np.cos(angle / 2)
+    motion = Motion(body.skeleton, 30.0, rotation, np.zeros((1, 3)))
+    write_glb(Clip(humanoid, replace(body, placement=np.eye(4)), motion, "linear"), tmp_path / "a.glb")
+    player = Player(tmp_path / "a.glb")
+    wrist = player.worlds(0)[0][player.named["l_radiocarpal"]][:3, 3]
+    assert np.abs(wrist - [0.630893, 1.359540, 0.004170]).max() < 2e-6
+    rest = player.read(player.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"])
+    copies = np.flatnonzero(np.abs(rest - body.skin.rest[787]).max(axis=1) < 1e-6)
+    assert np.abs(player.vertices(0)[copies] - [0.843202, 1.331000, 0.165058]).max() < 2e-5

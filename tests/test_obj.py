@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from figures import figure, wave
+from small_body import figure, wave
 from vitruvian.errors import FileError, VitruvianError, VitruvianWarning
 from vitruvian.formats.obj import read_mesh, read_obj, write_obj
 from vitruvian.hanim.humanoid import Humanoid
@@ -121,15 +121,14 @@ def test_anything_is_a_mesh_or_one_error(tmp_path: Path, lines: list[tuple[str, 
 
 
 def test_clip_at_a_time_says_what_is_lost(tmp_path: Path) -> None:
-    from vitruvian.deform.deformer import deformer
-
     from vitruvian.body.kinematics import joint_matrices
+    from vitruvian.deform.deformer import deformer
 
     body = figure()
     motion = wave(body)
     with pytest.warns(VitruvianWarning, match="skeleton"):
-        lost = write_obj(Clip(Humanoid("tester"), body, motion, "linear"), tmp_path / "a.obj", time=3 / 24)
-    assert len(lost) == 2
+        report = write_obj(Clip(Humanoid("tester"), body, motion, "linear"), tmp_path / "a.obj", time=3 / 24)
+    assert len(report["lost"]) == 2 and report["triangles"] == len(body.skin.triangles)
     mesh = read_obj(tmp_path / "a.obj")
     moved = deformer("linear", body)(joint_matrices(body.skeleton, motion)[3:4])[0]
     assert np.abs(mesh.vertices - moved).max() < 1e-5

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from figures import figure, wave
+from small_body import figure, wave
 from vitruvian.body.types import Part
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid
@@ -264,3 +264,25 @@ def test_creases_split_normals_where_the_part_says() -> None:
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         along = (normal * np.repeat(flat, 3, axis=0)).sum(axis=1)
         assert along.min() == pytest.approx(1.0) if crease < 1.5 else along.min() < 0.9 and along.min() > 0.3
+
+
+def test_close_views_are_rounder() -> None:
+    from vitruvian.show.refine import refined, split
+
+    v, t = ball(2)
+    colors = np.abs(v)
+    half = len(t) // 2
+    coarse = Surface(v, t, None, colors, (Part("a", 0, half), Part("b", half, len(t))))
+    fine = split(coarse, np.ones(len(t), bool))
+    assert len(fine.triangles) == 4 * len(t) and [p.stop for p in fine.parts] == [4 * half, 4 * len(t)]
+    radius = np.linalg.norm(fine.vertices, axis=1)
+    plain = np.linalg.norm((v[t[:, 0]] + v[t[:, 1]]) / 2, axis=1)
+    assert np.abs(radius - 1).max() < 0.2 * np.abs(plain - 1).max()
+    normal = np.cross(*(fine.vertices[fine.triangles[:, i]] - fine.vertices[fine.triangles[:, 0]] for i in (1, 2)))
+    assert ((normal * fine.vertices[fine.triangles[:, 0]]).sum(axis=1) > 0).all()  # none is turned over
+    edges = np.sort(np.concatenate([fine.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()  # and nothing is torn
+    some = np.arange(len(t)) < 10
+    assert len(split(coarse, some).triangles) == len(t) + 30
+    far, near = Camera((0, 0, 60), (0, 0, 0), 0.2), Camera((0, 0, 4), (0, 0, 0), 0.6)
+    assert len(refined(coarse, far, (100, 100)).triangles) == len(t) < len(refined(coarse, near, (400, 400)).triangles)

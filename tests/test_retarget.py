@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from figures import figure, posed_rest, renamed, scaled_legs
+from skeletons import figure, posed_rest, renamed, scaled_legs
 from vitruvian.body.rotations import from_axis_angle, from_vector, inverse, multiply, rotate
 from vitruvian.body.types import Skeleton
 from vitruvian.errors import VitruvianError

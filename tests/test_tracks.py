@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from figures import figure
+from skeletons import figure
 from vitruvian.body.rotations import from_axis_angle, from_euler, slerp
 from vitruvian.errors import VitruvianError, VitruvianWarning
 from vitruvian.hanim.humanoid import Humanoid, MotionData, Track

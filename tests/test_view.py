@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scene_figure import GOOD, VRML, broken, good
+from scene_figure import GOOD, MOTION, VRML, broken, good
 from vitruvian.errors import FileError, VitruvianWarning
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
-from vitruvian.hanim.graph import Node, Scene
+from vitruvian.hanim.graph import Literal, Node, Scene
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.hanim.view import humanoids
 
@@ -332,3 +332,35 @@ def test_a_skeleton_of_any_depth_and_with_cycles() -> None:
         (h,) = humanoids(Scene(body=[body]))
     assert any("reached twice" in str(w.message) for w in said)
     assert len(h.joints()) == 5001
+
+
+JUNK = ["", "1 2 3 4 5 6 7", "nan inf -inf 1e999", "a b c", '"x" "y"', '"', "99999999999999999999", "-7", "1.5", "TRUE"]
+
+
+@pytest.mark.parametrize("junk", JUNK)
+def test_rubbish_is_read_or_refused_with_one_line(junk: str) -> None:
+    """Every field filled with rubbish in turn: a humanoid, or a FileError; in repair mode always a humanoid."""
+    scene = broken("</HAnimHumanoid>", MOTION)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for node in list(scene.walk()):
+            for field, value in list(node.fields.items()):
+                if not isinstance(value, Literal):
+                    continue
+                before = {n: dict(n.fields) for n in scene.walk()}
+                node.fields[field] = Literal(junk, "xml", value.line)
+                try:
+                    humanoids(scene)
+                except FileError as error:
+                    assert "\n" not in str(error)
+                    assert error.line > 0
+                (h,) = humanoids(scene, repair=True)
+                assert len(h.joints()) == 4
+                humanoids(scene)  # what was repaired is repaired in the graph
+                for n, fields in before.items():
+                    n.fields = fields
+
+
+def test_text_outside_of_humanoids_is_not_read() -> None:
+    scene = broken("<Scene>", '<Scene><Transform translation="a b"><Shape><Box size="x"/></Shape></Transform>')
+    assert len(one(scene).joints()) == 4

@@ -30,6 +30,7 @@ NOT_FIELDS = {
     "class",
     "id",
     "style",
+    "sourceCode",
     "componentName",
     "componentLevel",
     "additionalInterface",
@@ -75,6 +76,8 @@ def attribute_type(attribute: etree._Element, named: dict[str, str]) -> str:
         return kind
     if kind == "bboxSizeType":
         return "SFVec3f"
+    if kind.startswith("xs:"):
+        return "SFString"
     return named.get(kind, "SFString")
 
 
@@ -84,7 +87,9 @@ def own_fields(element: etree._Element, named: dict[str, str]) -> tuple[str, str
     info = element.find(f"{XS}annotation/{XS}appinfo")
     for item in [] if info is None else info:
         if item.tag in (XS + "element", XS + "attribute") and (item.get("fixed") or "").endswith("Field"):
-            kind = item.get("type") or attribute_type(item, named)
+            kind = attribute_type(item, named)
+            if item.get("name") in NOT_FIELDS or (item.get("type") and not FIELD_TYPE.match(item.get("type"))):
+                continue
             default = "[]" if kind == "MFNode" else "NULL" if kind == "SFNode" else ""
             fields[item.get("name")] = [kind, item.get("fixed")[: -len("Field")], default]
     extension = element.find(f".//{XS}extension")
@@ -103,23 +108,36 @@ def own_fields(element: etree._Element, named: dict[str, str]) -> tuple[str, str
     return extension.get("base", ""), container, fields
 
 
+def interfaces_of(element: etree._Element) -> list[str]:
+    """Abstract types that a type implements besides the one it extends."""
+    found = element.findall(f"{XS}annotation/{XS}appinfo/{XS}attribute[@name='additionalInterface']")
+    return [item.get("default", "") for item in found]
+
+
 def nodes(schema: Path) -> dict[str, dict[str, object]]:
     root = etree.parse(str(schema)).getroot()
     named = base_types(root)
-    types = {t.get("name"): own_fields(t, named) for t in root.iterchildren(XS + "complexType")}
+    by_name = {t.get("name"): t for t in root.iterchildren(XS + "complexType")}
+    types = {name: own_fields(t, named) for name, t in by_name.items()}
     found = {}
     for element in root.iterchildren(XS + "element"):
         name = element.get("name")
         base, container, fields = own_fields(element, named)
         lineage = []
+        interfaces = interfaces_of(element)
         while base in types:
             lineage.append(base)
+            interfaces += interfaces_of(by_name[base])
             base_of, inherited_container, inherited = types[base]
             container = container or inherited_container
             fields = {**inherited, **fields}
             base = base_of
         if (not container and "X3DNode" not in lineage) or name.startswith(("HAnim", "ProtoInstance")):
             continue
+        for interface in interfaces:
+            fields = {**types.get(interface, ("", "", {}))[2], **fields}
+        if "X3DUrlObject" in interfaces:  # the schema names the field only where an attribute has a hint about it
+            fields.setdefault("url", ["MFString", "inputOutput", ""])
         geometry = any("Geometry" in b for b in lineage)
         for field, entry in fields.items():
             if entry[1] == "inputOutput" and (field in FIXED_EVERYWHERE or (geometry and field in FIXED_IN_GEOMETRY)):

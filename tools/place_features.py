@@ -1,6 +1,6 @@
 """Place the standard's feature points on the built-in body: `python tools/place_features.py`.
 
-Each default position is carried to the body relative to the joint of its segment, scaled by stature, and put on the
+Each default position is carried to the body relative to the nearest end of its segment, scaled by stature, and put on the
 nearest vertex that moves with that joint or a neighbour. Left is mastered, right is its mirror image. Points without a
 default position in the standard are left out.
 """
@@ -34,8 +34,11 @@ def main() -> None:
         if point.position is None or name.startswith("r_"):
             continue
         joint = holder[point.segment]
-        wanted = centers[names.index(joint)] + scale * (np.array(point.position) - defaults[joint])
-        near = {joint, table[joint].parent} | {n for n, e in table.items() if e.parent == joint}
+        below = [n for n, e in table.items() if e.parent == joint and e.loa < 4 and joint != "skullbase"]
+        ends = [joint, *below, *(n for n, e in table.items() if e.parent in below and e.loa < 4)]
+        anchor = min(ends, key=lambda n: np.linalg.norm(np.array(point.position) - defaults[n]))
+        wanted = centers[names.index(anchor)] + scale * (np.array(point.position) - defaults[anchor])
+        near = {joint, anchor, table[joint].parent} | {n for n, e in table.items() if e.parent == joint}
         mine = np.isin(strongest, [names.index(n) for n in near if n])
         vertex = int(np.argmin(np.where(mine, np.linalg.norm(body - wanted, axis=1), np.inf)))
         places[name] = vertex

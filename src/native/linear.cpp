@@ -107,14 +107,21 @@ void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, i
     }
 }
 
-// What `linear` of four influences cannot go below: the same reads of positions, joints and weights and the same writes,
-// without the matrices. For benchmarks.
-void touch(const Bucket& bucket, int64_t first, int64_t last, float* out) {
+// What `linear` of four influences cannot go below, for benchmarks: its loads and stores, with additions in place of the
+// arithmetic. Without a table it leaves out the matrices, which are in the first level cache.
+void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
     for (int64_t i = first; i < last; ++i) {
         const int32_t* j = bucket.joint + i * 4;
         const float* w = bucket.weight + i * 4;
         const float* p = bucket.rest + i * 3;
-        const float t = w[0] + w[1] + w[2] + w[3] + float(j[0] ^ j[1] ^ j[2] ^ j[3]);
+        float t = (w[0] + w[1]) + (w[2] + w[3]);
+        if (table) {
+            f8 sum = all(t);
+            for (int k = 0; k < 4; ++k) sum += load8(table + j[k]) + load8(table + j[k] + 8);
+            t = sum[0];
+        } else {
+            t += float(j[0] ^ j[1] ^ j[2] ^ j[3]);
+        }
         float* o = out + i * 3;
         o[0] = p[0] + t;
         o[1] = p[1] + t;

@@ -161,12 +161,12 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     });
 }
 
-void touch(AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
+void touch(std::optional<Array<float, 2>> table, AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
     const int64_t count = int64_t(joint.shape(0));
     check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
     const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, nullptr};
     each(blocks(count), vt::threads_for(count, threads),
-         [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), out.data()); });
+         [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), data(table), out.data()); });
 }
 
 double deviation(Array<double, 4> matrices) {
@@ -192,6 +192,8 @@ void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> ag
     check(rest.shape(0) == groups && joint.shape(0) == groups && joint.shape(2) == 8, "bucket does not fit together");
     check(joint.size() == weight.size() && (!base || base->size() == groups * 8), "bucket does not fit together");
     check(uniform.size() == groups, "bucket does not fit together");
+    const size_t width = joint.shape(1);
+    check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
     check(!mix || (mix->shape(0) == out.shape(0) && mix->shape(1) == out.shape(1)), "mix does not fit");
     const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target),
@@ -251,7 +253,7 @@ NB_MODULE(_native, m) {
     m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
           nb::arg("threads") = 0);
-    m.def("touch", &touch, nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
+    m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
           nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));
     m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"));

@@ -17,7 +17,7 @@ struct Dual {
     f8 v[8];  // x y z w, then the dual part
 };
 
-inline f8 dot(const f8* a, const f8* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]; }
+VT_INLINE f8 dot(const f8* a, const f8* b) { return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]); }
 
 // The rows of eight vertices by columns; with U all eight have the row of the first.
 template <bool U>
@@ -60,19 +60,21 @@ inline Dual sum_rows(const float* table, const int32_t* joint, const float* weig
 // f(c) = acos(c) / sqrt(1 - c^2) and its derivative, for c > -1. Least maximal error polynomials on 0.6..1 (2e-8 and
 // 8e-8); below, the half angle twice: with h = sqrt((1 + c) / 2), f(c) = f(h) / h.
 // Above 0.9 (within 50 degrees of the mean, nearly always) fewer terms do.
-inline f8 near_f(f8 d) {
+VT_INLINE f8 near_f(f8 d) {
     return 0.999999978f +
            d * (0.333337117f + d * (0.133226849f + d * (0.0582286177f + d * (0.0205011702f + d * 0.0211345885f))));
 }
-inline f8 near_slope(f8 d) {
+VT_INLINE f8 near_slope(f8 d) {
     return -0.333333281f -
            d * (0.266679058f + d * (0.171062419f + d * (0.1053815f + d * (0.0405607865f + d * 0.0652510561f))));
 }
-inline void angle_over_sine(f8 c, f8& f, f8& slope) {
+VT_INLINE f8 close_f(f8 d) { return 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f))); }
+VT_INLINE f8 close_slope(f8 d) { return -0.333333300f + d * (-0.26668142f + d * (-0.17065555f + d * -0.11392895f)); }
+VT_INLINE void angle_over_sine(f8 c, f8& f, f8& slope) {
     const f8 d = 1.0f - c;
     if (!any_below(c, 0.9f)) {
-        f = 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f)));
-        slope = -0.333336912f + d * (-0.266036496f + d * (-0.187785796f));
+        f = close_f(d);
+        slope = close_slope(d);
         return;
     }
     f = near_f(d);
@@ -88,7 +90,7 @@ inline void angle_over_sine(f8 c, f8& f, f8& slope) {
 
 // cos sqrt(n), sin sqrt(n) / sqrt(n) and the derivative of the latter, n in 0..10 (Taylor; 1e-9 at the n = 2.5 of a
 // half turn's half angle).
-inline void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
+VT_INLINE void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
     if (!any_below(0.02f - n, 0.0f)) {
         c = 1.0f + n * (-1.0f / 2 + n * (1.0f / 24));
         s = 1.0f + n * (-1.0f / 6 + n * (1.0f / 120));
@@ -127,62 +129,165 @@ inline void perpendicular(Dual& b) {
     for (int c = 0; c < 4; ++c) b.v[4 + c] = b.v[4 + c] - b.v[c] * along;
 }
 
-// The joint with the largest weight, the first of equals, of each of eight vertices.
-inline Dual pivot(const float* table, const int32_t* joint, const float* weight, int n) {
+// Signs against the joint with the largest weight, the first of equals: sign[k] is 1 or -1.
+inline void choose_signs(const float* table, const int32_t* joint, const float* weight, int n, f8* sign) {
     Dual best = gather<false>(table, joint);
     f8 most = load8(weight);
     for (int k = 1; k < n; ++k) {
         const f8 w = load8(weight + k * 8), less = most - w;
         const Dual q = gather<false>(table, joint + k * 8);
-        for (int c = 0; c < 8; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
+        for (int c = 0; c < 4; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
         most = where_negative(less, w, most);
     }
-    return best;
+    for (int k = 0; k < n; ++k)
+        sign[k] = where_negative(dot(gather<false>(table, joint + k * 8).v, best.v), all(-1.0f), all(1.0f));
 }
 
-// Blended motion of eight vertices. `flip`: signs are to be chosen against the joint with the largest weight.
-template <int K, bool U>
-inline Dual blend(const float* table, const int32_t* joint, const float* weight, int n, int steps, bool flip) {
-    constexpr int kept = K && !U ? K : 1;  // what has been gathered is kept; uniform groups read again
-    if (K == 1) return gather<U>(table, joint);
-    Dual store[kept], first;
-    if (flip) first = pivot(table, joint, weight, n);
-    auto influence = [&](int k) {
-        Dual q = gather<U>(table, joint + k * 8);
-        if (flip) {
-            const f8 d = dot(q.v, first.v);
-            for (f8& c : q.v) c = where_negative(d, 0.0f - c, c);
+// Products of the dual quaternions of a group whose eight vertices have the same K joints: q_j . q_k, and its dual part.
+template <int K>
+struct Gram {
+    int32_t joint[K];
+    bool known = false;
+    float real[K][K], dual[K][K];
+
+    void learn(const float* table, const int32_t* index) {
+        bool same = known;
+        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k * 8];
+        if (same) return;
+        known = true;
+        for (int k = 0; k < K; ++k) joint[k] = index[k * 8];
+        for (int j = 0; j < K; ++j)
+            for (int k = j; k < K; ++k) {
+                const float *p = table + joint[j], *q = table + joint[k];
+                float a = 0, b = 0;
+                for (int c = 0; c < 4; ++c) {
+                    a += p[c] * q[c];
+                    b += p[c] * q[4 + c] + p[4 + c] * q[c];
+                }
+                real[j][k] = real[k][j] = a;
+                dual[j][k] = dual[k][j] = b;
+            }
+    }
+};
+
+const int kBatch = 4;  // groups that go through each phase before the next one: their chains of arithmetic overlap
+
+// What is worked out about one group of eight vertices. Phases are short so that everything stays in registers.
+template <int K>
+struct Work {
+    const int32_t* joint;
+    const float* weight;
+    static constexpr int n = K;
+    bool uniform;
+    bool quick = false;  // `weigh` has done it
+    Dual a, b;
+    f8 real[K], dual[K];  // weights of the second blend: w f and w f' c'
+    f8 sign[K];
+    Dual kept[K];         // gathered influences; those of uniform groups are read from the table again
+
+    template <bool U>
+    Dual influence(const float* table, int k) const {
+        return U ? gather<true>(table, joint + k * 8) : kept[k];
+    }
+
+    // The sum of weight times dual quaternion.
+    template <bool U>
+    void blend(const float* table, bool flip, bool keep) {
+        if (flip) choose_signs(table, joint, weight, n, sign);
+        if (!U && keep)
+            for (int k = 0; k < n; ++k) kept[k] = gather<false>(table, joint + k * 8);
+        if (!flip && (U || !keep)) {
+            a = sum_rows<K, U>(table, joint, weight, n);
+            return;
         }
-        return q;
-    };
-    Dual a;
-    if (!flip && (U || steps == 0)) {
-        a = sum_rows<K, U>(table, joint, weight, n);
-    } else {
-        for (int k = 0; k < (K ? K : n); ++k) {
-            const Dual q = influence(k);
-            if (K && !U) store[k] = q;
-            const f8 w = load8(weight + k * 8);
+        for (int k = 0; k < n; ++k) {
+            const Dual q = U || keep ? influence<U>(table, k) : gather<false>(table, joint + k * 8);
+            const f8 w = flip ? load8(weight + k * 8) * sign[k] : load8(weight + k * 8);
             for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
         }
     }
-    normalise(a, table, joint, weight, n);
-    if (steps) perpendicular(a);
-    for (int step = 0; step < steps; ++step) {
-        Dual b;
-        for (f8& c : b.v) c = all(0.0f);
-        for (int k = 0; k < (K ? K : n); ++k) {
-            const Dual q = K && !U ? store[k] : influence(k);
-            const f8 w = load8(weight + k * 8);
+
+    // Weights of the second blend.
+    template <bool U>
+    void compare(const float* table, bool flip) {
+        VT_UNROLL for (int k = 0; k < n; ++k) {
+            const Dual q = influence<U>(table, k);
+            f8 w = load8(weight + k * 8), c = dot(a.v, q.v), c_dual = dot(a.v, q.v + 4) + dot(a.v + 4, q.v);
+            if (flip) {
+                c = c * sign[k];
+                c_dual = c_dual * sign[k];
+                w = w * sign[k];
+            }
             f8 f, slope;
-            angle_over_sine(dot(a.v, q.v), f, slope);
-            const f8 g = w * slope * (dot(a.v, q.v + 4) + dot(a.v + 4, q.v));
-            f = w * f;
+            angle_over_sine(c, f, slope);
+            real[k] = w * f;
+            dual[k] = w * slope * c_dual;
+        }
+    }
+
+    // Blend and one step in terms of weights alone: A, c, s and B are sums of the q_k, so A exp(.) is one blend with dual
+    // weights, found from the products of the q_k. It is normalised as a whole, A (s' - s) + B with s' = 1 for
+    // sqrt(n) / tan sqrt(n), which is right to n sqrt(n) / 3: hence only where the blend is nearly as long as its parts
+    // (joints within about 45 degrees), else false.
+    bool weigh(const Gram<K>& gram) {
+        f8 w[K], y[K], z[K], n = all(0.0f), m = all(0.0f);
+        VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            y[k] = w[0] * gram.real[0][k];
+            z[k] = w[0] * gram.dual[0][k];
+            VT_UNROLL for (int j = 1; j < K; ++j) {
+                y[k] += w[j] * gram.real[j][k];
+                z[k] += w[j] * gram.dual[j][k];
+            }
+            n += w[k] * y[k];
+            m += w[k] * z[k];
+        }
+        const f8 r = 1.0f / root(n), h = 0.5f * m * r * r;  // of the blend: 1 / length, and the dual part of its log
+        f8 s = all(0.0f), s_dual = all(0.0f), least = n - 0.06f;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            y[k] = r * y[k];
+            least = where_negative(y[k] - least, y[k], least);
+        }
+        if (any_below(least, 0.9f)) return false;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            const f8 c = y[k], c_dual = r * z[k] - c * h, d = 1.0f - c;
+            const f8 f = w[k] * close_f(d), g = w[k] * close_slope(d) * c_dual;
+            real[k] = f;
+            dual[k] = g;
+            s += f * c;
+            s_dual += f * c_dual + g * c;
+        }
+        const f8 more = (1.0f - s) * r, more_dual = 0.0f - r * s_dual - more * h;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            real[k] += w[k] * more;
+            dual[k] += w[k] * more_dual;
+        }
+        return true;
+    }
+
+    // What `weigh` has prepared, made one long; its length is 1 to a few thousandths.
+    void blend_weighed(const float* table) {
+        blend_again<true>(table);
+        const f8 m = dot(b.v, b.v) - 1.0f, scale = 1.0f - m * (0.5f - 0.375f * m);
+        for (int c = 0; c < 8; ++c) a.v[c] = b.v[c] * scale;
+    }
+
+    template <bool U>
+    void blend_again(const float* table) {
+        Dual s;
+        VT_UNROLL for (int k = 0; k < n; ++k) {
+            const Dual q = influence<U>(table, k);
+            for (int c = 0; c < 4; ++c) s.v[c] = k ? s.v[c] + real[k] * q.v[c] : real[k] * q.v[c];
             for (int c = 0; c < 4; ++c) {
-                b.v[c] += f * q.v[c];
-                b.v[4 + c] += f * q.v[4 + c] + g * q.v[c];
+                const f8 term = k ? s.v[4 + c] + real[k] * q.v[4 + c] : real[k] * q.v[4 + c];
+                s.v[4 + c] = term + dual[k] * q.v[c];
             }
         }
+        b = s;
+    }
+
+    // A <- A exp(.), see above.
+    void advance() {
         const f8 s = dot(a.v, b.v), s_dual = dot(a.v, b.v + 4) + dot(a.v + 4, b.v);
         const f8 length = dot(b.v, b.v) - s * s, length_dual = 2.0f * (dot(b.v, b.v + 4) - s * s_dual);
         f8 cosine, sine, slope;
@@ -191,13 +296,12 @@ inline Dual blend(const float* table, const int32_t* joint, const float* weight,
         const f8 keep = cosine - sine * s;
         const f8 keep_dual = -0.5f * sine * length_dual - sine_dual * s - sine * s_dual;
         for (int c = 0; c < 4; ++c) {
-            const f8 real = keep * a.v[c] + sine * b.v[c];
-            a.v[4 + c] = keep * a.v[4 + c] + keep_dual * a.v[c] + sine * b.v[4 + c] + sine_dual * b.v[c];
-            a.v[c] = real;
+            const f8 was = a.v[c];
+            a.v[c] = keep * was + sine * b.v[c];
+            a.v[4 + c] = (keep * a.v[4 + c] + keep_dual * was) + (sine * b.v[4 + c] + sine_dual * b.v[c]);
         }
     }
-    return a;
-}
+};
 
 // Quaternion product.
 inline void times(const f8* a, const f8* b, f8* out) {
@@ -258,7 +362,7 @@ inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 mo
 }
 
 // p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part.
-inline void move(const Dual& a, const float* rest, f8 out[3]) {
+VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
     const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7];
     const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
     f8 c[3];
@@ -295,37 +399,102 @@ inline bool unwanted(const Bucket& bucket, int64_t place, int64_t last, const fl
     return true;
 }
 
-template <int K, bool U>
-inline Dual blended(const RigidJob& job, const float* table, const int32_t* joint, const float* weight, int n,
-                    const float* bases, int64_t place, bool flip) {
-    return job.twists ? blend_twists<K, U>(table, joint, weight, n, bases, job.base + place)
-                      : blend<K, U>(table, joint, weight, n, job.steps, flip);
+inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, const Dual& a) {
+    float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
+    if (job.whole) return write_frames(bucket, place, last, a, out);
+    f8 moved[3];
+    move(a, bucket.rest + place * 3, moved);
+    write(bucket, place, last, moved, job.mix ? job.mix + f * job.vertices : nullptr, out);
+}
+
+// Up to kBatch groups, whose first vertices are `place`, in frame f.
+template <int K>
+void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last,
+                 Gram<K>& gram) {
+    const float* table = job.table + f * job.rows * 8;
+    const bool flip = job.agree && !job.agree[f];
+    const int steps = K == 1 ? 0 : job.steps;
+    Work<K> work[kBatch];
+    for (int g = 0; g < groups; ++g) {
+        Work<K>& w = work[g];
+        w.joint = bucket.joint + place[g] * K;
+        w.weight = bucket.weight + place[g] * K;
+        w.uniform = bucket.uniform[place[g] / 8];
+        if ((K == 2 || K == 4) && w.uniform && steps == 1 && !flip) {
+            gram.learn(table, w.joint);
+            w.quick = w.weigh(gram);
+        }
+    }
+    for (int g = 0; g < groups; ++g) {
+        Work<K>& w = work[g];
+        if (w.quick)
+            w.blend_weighed(table);
+        else if (K == 1)
+            w.a = gather<false>(table, w.joint);
+        else if (w.uniform)
+            w.template blend<true>(table, flip, steps > 0);
+        else
+            w.template blend<false>(table, flip, steps > 0);
+    }
+    for (int g = 0; g < groups && K > 1; ++g)
+        if (!work[g].quick) normalise(work[g].a, table, work[g].joint, work[g].weight, K);
+    for (int step = 0; step < steps; ++step) {
+        for (int g = 0; g < groups; ++g) {
+            if (work[g].quick) continue;
+            if (step == 0) perpendicular(work[g].a);
+            if (work[g].uniform)
+                work[g].template compare<true>(table, flip);
+            else
+                work[g].template compare<false>(table, flip);
+        }
+        for (int g = 0; g < groups; ++g) {
+            if (work[g].quick) continue;
+            if (work[g].uniform)
+                work[g].template blend_again<true>(table);
+            else
+                work[g].template blend_again<false>(table);
+            work[g].advance();
+        }
+    }
+    for (int g = 0; g < groups; ++g) finish(bucket, job, f, place[g], last, work[g].a);
+}
+
+template <int K>
+void twist_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
+    const int n = bucket.influences;
+    const float* table = job.table + f * job.rows * 8;
+    const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
+    for (int g = 0; g < groups; ++g) {
+        const int32_t* joint = bucket.joint + place[g] * n;
+        const float* weight = bucket.weight + place[g] * n;
+        const int32_t* base = job.base + place[g];
+        finish(bucket, job, f, place[g], last,
+               bucket.uniform[place[g] / 8] ? blend_twists<K, true>(table, joint, weight, n, bases, base)
+                                            : blend_twists<K, false>(table, joint, weight, n, bases, base));
+    }
 }
 
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
-    const int n = bucket.influences;
-    const int64_t vertices = job.vertices;
     for (int64_t f = 0; f < job.frames; ++f) {
-        const float* table = job.table + f * job.rows * 8;
-        const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
-        const float* mix = job.mix ? job.mix + f * vertices : nullptr;
-        float* out = job.out + f * vertices * (job.whole ? 12 : 3);
-        const bool flip = job.agree && !job.agree[f];
-        for (int64_t place = first; place < last; place += 8) {
-            if (mix && unwanted(bucket, place, last, mix)) continue;
-            const int32_t* joint = bucket.joint + place * n;
-            const float* weight = bucket.weight + place * n;
-            const Dual a = bucket.uniform[place / 8] ? blended<K, true>(job, table, joint, weight, n, bases, place, flip)
-                                                     : blended<K, false>(job, table, joint, weight, n, bases, place, flip);
-            if (job.whole) {
-                write_frames(bucket, place, last, a, out);
-            } else {
-                f8 moved[3];
-                move(a, bucket.rest + place * 3, moved);
-                write(bucket, place, last, moved, mix, out);
-            }
+        const float* mix = job.mix ? job.mix + f * job.vertices : nullptr;
+        int64_t place[kBatch];
+        Gram<K> gram;
+        int groups = 0;
+        for (int64_t p = first; p < last; p += 8) {
+            if (!(mix && unwanted(bucket, p, last, mix))) place[groups++] = p;
+            if (groups < kBatch) continue;
+            if (job.twists)
+                twist_batch<K>(bucket, job, f, place, groups, last);
+            else
+                blend_batch<K>(bucket, job, f, place, groups, last, gram);
+            groups = 0;
         }
+        if (!groups) continue;
+        if (job.twists)
+            twist_batch<K>(bucket, job, f, place, groups, last);
+        else
+            blend_batch<K>(bucket, job, f, place, groups, last, gram);
     }
 }
 
@@ -338,7 +507,9 @@ void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& jo
         case 2: return run<2>(bucket, first, last, job);
         case 4: return run<4>(bucket, first, last, job);
         case 8: return run<8>(bucket, first, last, job);
-        default: return run<0>(bucket, first, last, job);
+        case 16: return run<16>(bucket, first, last, job);
+        case 64: return run<64>(bucket, first, last, job);
+        default: return;  // lane_buckets makes no others, the binding checks it
     }
 }
 

@@ -20,7 +20,8 @@ class FileError(VitruvianError):
     """
 
     def __init__(self, path: object, line: int, what: str):
-        self.path, self.line, self.what = str(path), int(line), " ".join(what.split())
+        what = " ".join(what[:1000].split())  # a name in a hostile file may be a megabyte long
+        self.path, self.line, self.what = str(path), int(line), what if len(what) <= 300 else what[:297] + "..."
         where = f"{self.path}:{self.line}" if self.line else self.path
         super().__init__(f"{where}: {self.what}")
 

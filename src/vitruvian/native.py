@@ -28,6 +28,12 @@ def kernels() -> ModuleType | None:
         return None
 
 
+def variant() -> str:
+    """Which kernels run: "x86-64-v3", "baseline" or "numpy"."""
+    native = kernels()
+    return "numpy" if native is None else {"v3": "x86-64-v3"}.get(native.instruction_set(), "baseline")
+
+
 def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> NDArray[np.float64]:
     """All numbers of `text`, separated by white space or commas, as float64 (n,).
 

@@ -45,7 +45,7 @@ def demo(
         humanoid = person()
         body = pack(humanoid)
     with step("motion"):
-        motion = walk(body.skeleton, cycles=2)
+        motion = walk(body.skeleton, cycles=2)  # the film shows one of them
         clip = Clip(humanoid, body, motion)
     with step("deform"):
         matrices = joint_matrices(body.skeleton, motion)
@@ -68,7 +68,7 @@ def demo(
 
         files.append(out / "demo.mp4")
         with step("film"), progress("film") as update:
-            film(clip, files[-1], progress=update)
+            film(clip, files[-1], size=(480, 640), seconds=motion.seconds / 2, progress=update)
     document = {"files": [str(f) for f in files], "seconds": seconds, "stage_fps": stage_fps}
     text = "\n".join(f"wrote {f}" for f in files)
     if not no_open:

@@ -27,7 +27,7 @@ def person(
     gender: str = typer.Option("0.5", help="female, male, or a number from 0 (female) to 1 (male)."),
     age: float = typer.Option(25, help="Years, 10 to 90."),
     height: float | None = typer.Option(None, help="Stature in metres."),
-    weight: float = typer.Option(0.5, min=0, max=1, help="From 0 (thin) to 1 (heavy)."),
+    weight: float = typer.Option(0.5, help="From 0 (thin) to 1 (heavy), or kilograms."),
     muscle: float = typer.Option(0.5, min=0, max=1, help="From 0 (slack) to 1 (muscular)."),
     measure: list[str] = typer.Option([], "--measure", metavar="NAME=CM", help="A measure in cm; may be repeated."),
     loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),

@@ -42,10 +42,22 @@ def view(
     as_json: bool = Json,
 ) -> None:
     """Show files in the browser, until Ctrl-C."""
+    import sys
+    import threading
+    from contextlib import suppress
+
+    from vitruvian.formats import registry
     from vitruvian.show.live import show
 
     things = [_shown(f) for f in files]
-    show(*things, open_browser=not no_open, announce=lambda url: emit({"address": url}, url, as_json))
+    scenes = [f for f in files if registry.extension(Path(f)) in registry.SCENES]
+    findings = [finding for f in scenes for finding in registry.check(f)]
+    window = show(*things, open_browser=not no_open, block=False, findings=findings)
+    assert window is not None
+    with window, suppress(KeyboardInterrupt):
+        emit({"address": window.url}, f"{window.url}  (Ctrl-C ends it)", as_json)
+        sys.stdout.flush()
+        threading.Event().wait()
 
 
 @app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")

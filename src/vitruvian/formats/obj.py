@@ -6,8 +6,9 @@ Source: Wavefront's appendix B1 to the Advanced Visualizer manual; colours after
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class _Reader:
     def fail(self, line: int, what: str) -> NoReturn:
         raise FileError(self.path, line, what) from None
 
-    def lines(self):  # type: ignore[no-untyped-def]
+    def lines(self) -> Iterator[tuple[int, str]]:
         """(line number, text) with continued lines put together, tabs as spaces."""
         try:
             if os.path.getsize(self.path) > MAX_BYTES:
@@ -267,20 +268,25 @@ def read_mesh(path: str | os.PathLike[str], *, unit: str = "m") -> Mesh:
         raise FileError(path, 0, "expected triangles, found none")
     try:
         colors = None
-        if loaded.visual.kind == "vertex":
-            colors = np.array(loaded.visual.vertex_colors[:, :3], np.float64) / 255
+        visual = loaded.visual
+        if isinstance(visual, trimesh.visual.ColorVisuals) and visual.kind == "vertex":
+            colors = np.array(visual.vertex_colors[:, :3], np.float64) / 255
         return Mesh(vertices, triangles, None, colors, name=Path(path).stem, unit=unit)
     except VitruvianError as error:
         raise FileError(path, 0, str(error)) from None
 
 
-def write_obj(thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str], *, time: float = 0.0) -> list[str]:
+def write_obj(
+    thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str], *, time: float = 0.0
+) -> dict[str, Any]:
     """Write a surface as OBJ: vertices with colours, texture coordinates with their seams, a group per part.
 
-    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. Returns what was lost, one
-    sentence each, and warns with the same. Raises `VitruvianError` when there is no triangle.
+    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. The report:
+    `vertices triangles` and `lost`, what OBJ could not carry, one sentence each, which are warnings too.
+    Raises `VitruvianError` when there is no triangle.
     """
     lost: list[str] = []
+    parts: tuple[Part, ...]
     if isinstance(thing, Mesh):
         vertices, triangles, uv, faces_uv = thing.vertices, thing.triangles, thing.uv, thing.uv_triangles
         colors, parts, name = thing.colors, (Part(thing.name, 0, len(thing.triangles)),), thing.name
@@ -315,7 +321,7 @@ def write_obj(thing: Mesh | Body | Clip | Humanoid, path: str | os.PathLike[str]
         temporary.write_text("\n".join(text) + "\n", encoding="utf-8")
     for sentence in lost:
         warn(f"{path}: {sentence}")
-    return lost
+    return {"vertices": len(vertices), "triangles": int(len(triangles)), "lost": lost}
 
 
 def _word(name: str) -> str:

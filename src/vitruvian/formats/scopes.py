@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from vitruvian.errors import FileError
+from vitruvian.errors import FileError, warn
 from vitruvian.formats.source import Limits
 from vitruvian.hanim.fields import fields_of
 from vitruvian.hanim.graph import Node, Proto, Use
@@ -22,6 +22,7 @@ class Scopes:
         self.sizes: dict[int, int] = {}  # named node -> nodes below it with USEs expanded
         self.nodes = self.entries = 0
         self.calls: dict[str, dict[str, int]] = {}  # prototype of the scene -> what its body instantiates -> line
+        self.dangling, self.first = 0, (0, "")  # USEs without a DEF before them, the first one
         self.early = False  # something was instantiated before its declaration
 
     def count(self, line: int, nodes: int = 0, entries: int = 1) -> None:
@@ -47,10 +48,13 @@ class Scopes:
             self.open.discard(id(node))
             self.sizes[id(node)] = size
 
-    def use(self, name: str) -> tuple[Node | None, int]:
+    def use(self, name: str, line: int) -> tuple[Node | None, int]:
         """(the node that a USE means, its size): the latest earlier DEF in scope, None when it is missing or open."""
         node = self.names[-1].get(name)
         if node is None or id(node) in self.open:
+            self.dangling += 1
+            if self.dangling == 1:
+                self.first = (line, name)
             return None, 1
         return node, self.sizes.get(id(node), 1)
 
@@ -93,7 +97,11 @@ class Scopes:
         return found
 
     def finish(self) -> None:
-        """At the end of the file: prototypes that contain each other by way of later declarations are an error."""
+        """At the end of the file: a warning about USEs of nothing; FileError for prototypes that contain each other."""
+        if self.dangling:
+            line, name = self.first
+            more = f" ({self.dangling - 1} more like it)" if self.dangling > 1 else ""
+            warn(f"{self.path}:{line}: USE {name} names no node before it{more}; it stands for nothing")
         if not self.early:
             return
         done: set[str] = set()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.hanim.graph import Node, Route
-from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, MotionData, Site, Track
 from vitruvian.hanim.reading import Reading
 
 _WIDTHS = {"OrientationInterpolator": 4, "PositionInterpolator": 3, "ScalarInterpolator": 1}
@@ -96,7 +96,7 @@ def attach_tracks(reading: Reading, figures: list[Humanoid]) -> None:
         return
     targets: dict[int, tuple[Humanoid, str]] = {}
     for h in figures:
-        things = [*h.joints(), *h.all_sites(), *h.viewpoints, *h.displacers()]
+        things: list[Joint | Site | Displacer] = [*h.joints(), *h.all_sites(), *h.viewpoints, *h.displacers()]
         targets |= {id(t.node): (h, t.name) for t in things if t.node is not None}
         targets[id(h.node)] = (h, "")
     defs = reading.scene.defs()

@@ -103,7 +103,7 @@ class _Builder:
         if self.native:
             self.out.profile = "Immersive"
             level = 3 if any(h.motions for h in humanoids) and self.version == "2.0" else 1
-            self.out.components.append(("HAnim", level))
+            self.out.components.append(("HAnim" if self.out.version == "4.0" else "H-Anim", level))
             self.out.metas.append(("generator", f"vitruvian {vitruvian.__version__}"))
         else:
             self.out.body += prototypes.prototypes(self.version)

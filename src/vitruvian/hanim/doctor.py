@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.errors import FileError
 from vitruvian.hanim.fields import container_of, fields_of
 from vitruvian.hanim.graph import Literal, Node, Scene, Use
 from vitruvian.hanim.reading import Reading, leniently
@@ -21,16 +22,16 @@ from vitruvian.hanim.reading import Reading, leniently
 Floats = NDArray[np.float64]
 # Severity of each rule: E broken, W likely wrong, N style.
 SEVERITY = {
-    "F03": "W", "F04": "E", "F05": "E", "F06": "W",
+    "F02": "E", "F03": "W", "F04": "E", "F05": "E", "F06": "W", "F07": "W",
     "V01": "W", "V02": "W", "V03": "N", "V04": "W", "V05": "N",
     "N01": "E", "N02": "E", "N03": "N", "N04": "E", "N07": "W", "N08": "W",
     "T01": "E", "T02": "E", "T03": "N", "T04": "E",
-    "P01": "W", "P02": "W", "P03": "W", "P06": "E",
+    "P01": "W", "P02": "W", "P03": "W", "P04": "W", "P05": "W", "P06": "E",
     "S01": "E", "S02": "E", "S03": "W", "S04": "W", "S05": "E", "S06": "W", "S07": "N", "S08": "E", "S09": "E",
-    "D01": "E", "D02": "W", "D05": "W",
+    "D01": "E", "D02": "W", "D04": "W", "D05": "W",
     "M01": "E", "M02": "E", "M03": "E", "M04": "E", "M05": "E", "M06": "E", "M07": "E", "M08": "E", "M09": "W",
-    "M10": "E", "M12": "W", "M13": "E", "M14": "W", "M15": "E", "M16": "E", "M17": "W", "M18": "W", "M20": "N",
-    "M21": "W", "M22": "N",
+    "M10": "E", "M11": "N", "M12": "W", "M13": "E", "M14": "W", "M15": "E", "M16": "E", "M17": "W", "M18": "W",
+    "M19": "W", "M20": "N", "M21": "W", "M22": "N",
 }  # fmt: skip
 _WORDS = {"E": "error", "W": "warning", "N": "note"}
 # Number fields that are read for every node: their type decides how many numbers belong together.
@@ -43,6 +44,7 @@ _NUMERIC = {
     "keyValue": "MFFloat", "values": "MFFloat", "cycleInterval": "SFFloat", "frameDuration": "SFFloat",
     "jointBindingPositions": "MFVec3f", "jointBindingRotations": "MFRotation", "jointBindingScales": "MFVec3f",
 }  # fmt: skip
+_DEEPEST = 1024  # holders of one node that are looked at
 _SINGLE = {"SFVec3f": 3, "SFRotation": 4, "SFFloat": 1}
 
 
@@ -59,6 +61,11 @@ class Finding:
     line: int
     message: str
     fix: str = ""
+
+
+def unreadable(error: FileError) -> Finding:
+    """F02: the finding for a file that no scene could be read from."""
+    return Finding("F02", _WORDS[SEVERITY["F02"]], "file", error.line, error.what, "")
 
 
 def check(scene: Scene, path: object = None) -> list[Finding]:
@@ -86,6 +93,7 @@ class Chart:
         self.reading = Reading(scene, path, repair=True)
         self.findings: list[Finding] = []
         self.nodes = list(scene.walk())
+        self._parents: dict[int, Node] | None = None
         self._read: dict[tuple[int, str], Floats] = {}
 
     def add(self, rule: str, node: Node | None, message: str, fix: str = "", line: int = 0) -> None:
@@ -93,6 +101,21 @@ class Chart:
         where = self.reading.who(node) if node is not None else "scene"
         line = line or (node.line if node is not None else 0)
         self.findings.append(Finding(rule, _WORDS[SEVERITY[rule]], where, line, message, fix))
+
+    def above(self, node: Node) -> list[Node]:
+        """The nodes that hold a node, nearest first."""
+        if self._parents is None:
+            self._parents = {}
+            for parent in self.nodes:
+                for _, child in parent.entries():
+                    if isinstance(child, Node):
+                        self._parents.setdefault(id(child), parent)
+        found: list[Node] = []
+        holder = self._parents.get(id(node))
+        while holder is not None and len(found) < _DEEPEST:
+            found.append(holder)
+            holder = self._parents.get(id(holder))
+        return found
 
     def numbers(self, node: Node, field: str) -> Floats:
         """(n,) the numbers of a field; what is no number is NaN; nothing when absent. Not to be changed."""
@@ -162,6 +185,13 @@ def _file(chart: Chart) -> None:
             if scene.encoding == "x3d" and kind:
                 _container(chart, node, kind, field, entry)
     _cycles(chart)
+    native = next((n for n in chart.nodes if n.type.startswith("HAnim")), None)
+    covered = scene.profile == "Full" or any(name in {"HAnim", "H-Anim"} for name, _ in scene.components)
+    if native is not None and scene.profile and not covered:
+        message = (
+            f"profile {scene.profile} without component HAnim does not cover {native.type}: strict browsers refuse it"
+        )
+        chart.add("F07", native, message, "add component HAnim")
 
 
 def _container(chart: Chart, node: Node, kind: str, field: str, entry: Node | Use) -> None:

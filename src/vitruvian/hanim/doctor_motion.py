@@ -12,7 +12,7 @@ from vitruvian.hanim.animation import channel_groups, event
 from vitruvian.hanim.doctor import Chart
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.fields import field as field_of
-from vitruvian.hanim.graph import Node, Route
+from vitruvian.hanim.graph import Import, Node, Route
 
 _STEPS = {
     "OrientationInterpolator": 4,
@@ -80,7 +80,7 @@ def _channels(figure: Figure, motion: Node, joints: int) -> None:
 def routes(chart: Chart, figures: list[Figure]) -> None:
     """M07 to M13 and M22."""
     defs = chart.scene.defs()
-    imported = {s.alias or s.name for s in chart.scene.body if type(s).__name__ == "Import"}
+    imported = {s.alias or s.name for s in chart.scene.body if isinstance(s, Import)}
     driven: dict[tuple[str, str], list[Route]] = defaultdict(list)
     inputs: set[str] = set()
     for route in chart.scene.routes():
@@ -105,6 +105,7 @@ def routes(chart: Chart, figures: list[Figure]) -> None:
         if whole:
             driven[(route.to_node, event(route.to_field))].append(route)
             inputs.add(f"{route.to_node}.{event(route.to_field)}")
+    still: list[Node] = []
     for figure in figures:
         ids = {id(j) for j in figure.joints} | {id(s) for s in figure.sites} | {id(d) for d, _ in figure.displacers}
         for (name, field), sources in driven.items():
@@ -120,9 +121,13 @@ def routes(chart: Chart, figures: list[Figure]) -> None:
                     message = f"{name}.{field} is driven by Script {source.name}, which is not run here"
                     chart.add("M22", source, message, "", route.line)
                 elif source.type in _STEPS:
-                    _interpolator(chart, source, f"{source.name}.fraction" in inputs)
+                    _interpolator(chart, source, f"{source.name}.fraction" in inputs, still)
+    if still:
+        message = f"{len(still)} interpolators give the same value all the time: there is nothing to see"
+        chart.add("M11", still[0], message)
+    used = {route.from_node for route in chart.scene.routes()}
     for node in chart.nodes:
-        if node.type == "TimeSensor" and any(r.from_node == node.name for r in chart.scene.routes()):
+        if node.type == "TimeSensor" and node.name in used:
             _timer(chart, node, driven, defs)
 
 
@@ -132,7 +137,7 @@ def _timer_of(chart: Chart, route: Route, defs: dict[str, Node], driven: dict) -
     return sources[0].from_node if sources else route.from_node
 
 
-def _interpolator(chart: Chart, node: Node, fed: bool) -> None:
+def _interpolator(chart: Chart, node: Node, fed: bool, still: list[Node]) -> None:
     if not fed:
         message = f"nothing drives the fraction of {node.type} {node.name}: no event ever comes out"
         chart.add("M08", node, message, "ROUTE a TimeSensor's fraction_changed to its set_fraction")
@@ -145,6 +150,8 @@ def _interpolator(chart: Chart, node: Node, fed: bool) -> None:
         chart.add("M10", node, "keys go backwards: the output is undefined", "sort them")
     elif ((keys < 0) | (keys > 1)).any():
         chart.add("M10", node, "keys lie outside 0..1, where the fraction never comes", "scale them to 0..1")
+    elif len(keys) > 1 and (values.reshape(len(keys), -1) == values[:step]).all():
+        still.append(node)
 
 
 def _timer(chart: Chart, node: Node, driven: dict, defs: dict[str, Node]) -> None:

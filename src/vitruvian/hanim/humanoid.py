@@ -193,6 +193,7 @@ class Humanoid:
     motions: list[MotionData] = field(default_factory=list)
     tracks: list[Track] = field(default_factory=list)
     scene: Scene | None = None  # the file it came from
+    made_from: object = None  # what a modelling function made it from; stays in memory
     node: Node | None = None
 
     def joints(self) -> list[Joint]:

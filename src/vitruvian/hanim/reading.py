@@ -25,6 +25,7 @@ _MARKS = (
     ("displacements", "Displacer"),
 )
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
+_SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 
 
@@ -60,6 +61,7 @@ class Reading:
         self.protos: dict[str, Proto] = scene.protos()
         self.defects: dict[str, list[str]] = {}
         self.repairs = 0
+        self._shared: dict[tuple[int, str], Floats] = {}
         self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
         self._kinds: dict[str, str] = {}
 
@@ -132,9 +134,9 @@ class Reading:
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
         before = self.repairs
         array = self._numbers(node, field, kind)
-        if array is None:
+        if array is None and self.repairs == before:
             return np.array(default)
-        if self.repairs > before:
+        if array is None or self.repairs > before:
             self.mend(node, field, np.array(default))
             return np.array(default)
         if len(array) != len(default) or not np.isfinite(array).all():
@@ -165,11 +167,22 @@ class Reading:
     def numbers(self, node: Node, field: str, kind: str = "MFFloat", width: int = 1) -> Floats:
         """A many-valued field: shape (n,) for width 1, else (n, width). Non-finite numbers are refused.
 
-        In repair mode non-finite numbers become 0, as the places of the others must not shift.
+        In repair mode non-finite numbers become 0, as the places of the others must not shift. Arrays of nodes that
+        are typically USEd by many (Coordinate and its kin) are read once: the same array is answered again.
         """
+        if node.type in _SHARED:
+            key = (id(node), field)
+            if key not in self._shared:
+                self._shared[key] = self._many(node, field, kind, width)
+            return self._shared[key]
+        return self._many(node, field, kind, width)
+
+    def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
+            if self.repairs > before:
+                self.mend(node, field, None)
             return np.zeros(0 if width == 1 else (0, width))
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
@@ -201,7 +214,11 @@ class Reading:
 
     def number(self, node: Node, field: str, default: float) -> float:
         """A single number."""
+        before = self.repairs
         array = self._numbers(node, field, "SFFloat")
+        if self.repairs > before:
+            self.mend(node, field, default)
+            return default
         if array is None or not len(array):
             return default
         if not np.isfinite(array[0]):
@@ -227,15 +244,26 @@ class Reading:
         raw = self.raw(node, field)
         if raw is None:
             return default
-        return str(parse(raw, "SFString", self.path)) if isinstance(raw, Literal) else str(raw)
+        value = self._strings(node, field, raw, "SFString", default)
+        return str(value)
 
     def texts(self, node: Node, field: str) -> list[str]:
         """A list of strings; an unquoted one counts as a list of one."""
         raw = self.raw(node, field)
         if raw is None:
             return []
-        value = parse(raw, "MFString", self.path) if isinstance(raw, Literal) else raw
-        return [value] if isinstance(value, str) else [str(v) for v in value]  # type: ignore[union-attr]
+        value = self._strings(node, field, raw, "MFString", [])
+        return [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
+
+    def _strings(self, node: Node, field: str, raw: object, kind: str, default: object) -> object:
+        if not isinstance(raw, Literal):
+            return raw
+        try:
+            return parse(raw, kind, self.path)
+        except FileError as error:
+            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            self.mend(node, field, default)
+            return default
 
     def who(self, node: Node) -> str:
         """How messages call a node: its kind and its name or DEF."""

@@ -200,6 +200,8 @@ def _index(reading: Reading, node: Node, field: str, limit: int, separated: bool
     first = int(np.flatnonzero(bad)[0])
     what = f"{field}: expected indices in 0..{limit - 1}, found {index[first]} at entry {first}"
     reading.broken(f"{reading.who(node)} {what}; check the point list or drop the face", node)
+    if limit == 0:
+        index = index[:0]
     if not separated:
         n = 3 if "Triangle" in node.type else 4
         whole = len(index) // n * n
@@ -207,6 +209,7 @@ def _index(reading: Reading, node: Node, field: str, limit: int, separated: bool
         reading.mend(node, field, index.astype(np.int32))
         return index
     # faces keep their places, so that per-corner and per-face lists still fit: a bad one loses its area
+    bad = bad[: len(index)]
     starts, sizes = triangulate.polygons(np.where(bad, 0, index))
     for start, size in zip(starts, sizes):
         if bad[start : start + size].any():

@@ -236,7 +236,8 @@ def default_centers(version: str = "2.0") -> dict[str, NDArray[np.float64]]:
             continue
         center = joint.center
         if center is None and mate is not None and mate.center is not None:
-            center = tuple(mirror * mate.center)  # type: ignore[assignment]
+            x, y, z = mate.center
+            center = (-x, y, z)
         if center is not None:
             given[name] = np.array(center) * (1.0 if name.startswith("l_") else (0.0, 1.0, 1.0))
             continue
@@ -245,9 +246,10 @@ def default_centers(version: str = "2.0") -> dict[str, NDArray[np.float64]]:
         above = joint.parent
         while above is not None and above not in given:
             above = table[above].parent
-        if above is None or table[above].full_center is None:
+        reference = None if above is None else table[above].full_center
+        if above is None or reference is None:
             continue
-        offset = np.subtract(joint.full_center, table[above].full_center)
+        offset = np.subtract(joint.full_center, reference)
         given[name] = given[above] + _STATURE_RATIO * offset
     for name in table:
         if name.startswith("r_") and "l_" + name[2:] in given:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_EARS = 100_000  # corners of concave polygons that are cut ear by ear in one face set
+_WIDEST = 512  # corners of one such polygon
 
 
 def polygons(index: NDArray[np.integer]) -> tuple[Ints, Ints]:
@@ -22,13 +24,14 @@ def polygons(index: NDArray[np.integer]) -> tuple[Ints, Ints]:
     return starts, (ends - starts).astype(np.int64)
 
 
-def faces(index: NDArray[np.integer], points: Floats, convex: bool = True) -> tuple[Ints, Ints]:
+def faces(index: NDArray[np.integer], points: Floats) -> tuple[Ints, Ints]:
     """Triangle corners (t, 3) of a face set, in face order, and the face of each triangle (t,).
 
-    A fan where it is safe; a polygon whose fan would fold (concave, or `convex` is false) is cut ear by ear.
-    Faces with fewer than three corners give nothing. Indices must be valid.
+    A fan where it is safe; a polygon whose fan would fold (it is concave) is cut ear by ear, up to a limit of work
+    that no honest file reaches, then as a fan. Faces with fewer than three corners give nothing. Indices must be valid.
     """
     starts, sizes = polygons(index)
+    budget = _EARS
     corners: list[Ints] = []
     owners: list[Ints] = []
     for n in np.unique(sizes[sizes >= 3]):
@@ -40,7 +43,13 @@ def faces(index: NDArray[np.integer], points: Floats, convex: bool = True) -> tu
             folded = _folded(points[index[loop]], fan)
             if folded.any():
                 local = local.copy()
+                if n == 4:
+                    local[folded] = [[1, 2, 3], [1, 3, 0]]
+                    folded[:] = False
                 for f in np.flatnonzero(folded):
+                    if n > _WIDEST or budget < n:
+                        break
+                    budget -= n
                     local[f] = ears(points[index[loop[f]]])
         corners.append((local + starts[which, None, None]).reshape(-1, 3))
         owners.append(np.repeat(which, n - 2))
@@ -73,8 +82,8 @@ def ears(loop: Floats) -> Ints:
             a, b, c = left[i - 1], left[i], left[(i + 1) % len(left)]
             if _turn(flat[a], flat[b], flat[c]) <= 0:
                 continue
-            others = [p for p in left if p not in (a, b, c)]
-            if not any(_inside(flat[p], flat[a], flat[b], flat[c]) for p in others):
+            others = flat[[p for p in left if p not in (a, b, c)]]
+            if not _inside(others, flat[a], flat[b], flat[c]).any():
                 found.append((a, b, c))
                 del left[i]
                 break
@@ -85,12 +94,14 @@ def ears(loop: Floats) -> Ints:
     return np.array(found, np.int64)
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Twice the signed area of a, b, c; c may be many points (n, 2)."""
+    return (b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0])
 
 
-def _inside(p: Floats, a: Floats, b: Floats, c: Floats) -> bool:
-    return _turn(a, b, p) >= 0 and _turn(b, c, p) >= 0 and _turn(c, a, p) >= 0
+def _inside(p: Floats, a: Floats, b: Floats, c: Floats) -> NDArray[np.bool_]:
+    """(n,) whether points p (n, 2) lie in or on the triangle."""
+    return (_turn(a, b, p) >= 0) & (_turn(b, c, p) >= 0) & (_turn(c, a, p) >= 0)
 
 
 def strips(counts: Ints) -> Ints:
@@ -173,7 +184,7 @@ def cylinder(
         count = 2 * around
     for wanted, sign in ((top and not tip, 1), (bottom, -1)):
         if wanted:
-            points += [ring + sign * up, [sign * up]]
+            points += [ring + sign * up, sign * up[None]]
             pair = (count + k, count + following) if sign > 0 else (count + following, count + k)
             triangles.append(np.stack([*pair, np.full(around, count + around)], axis=1))
             count += around + 1

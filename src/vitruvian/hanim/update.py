@@ -227,7 +227,8 @@ def _update_tracks(scene: Scene, new: Humanoid) -> None:
     """Take out the ROUTEs into the humanoid and drive it by interpolators of its tracks instead."""
     taken = set(scene.defs())
     targets: dict[str, Node] = {"": new.node} if new.node is not None else {}
-    for thing in (*new.joints(), *new.all_sites(), *new.viewpoints, *new.displacers()):
+    things: list[Joint | Site | Displacer] = [*new.joints(), *new.all_sites(), *new.viewpoints, *new.displacers()]
+    for thing in things:
         if thing.node is None:
             continue
         if not thing.node.name:

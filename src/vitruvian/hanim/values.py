@@ -8,6 +8,8 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRM
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from contextlib import suppress
 from itertools import chain
 
 import numpy as np
@@ -31,11 +33,12 @@ _INTEGER = {"Int32", "Image"}
 
 _VRML_COMMENT = re.compile(r"#[^\n]*")
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
+_STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
-_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+")
+_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
 _CHUNK = 1 << 20
 
 
@@ -59,7 +62,7 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         if literal.text.strip(" \t\n,[]") in ("", "NULL"):
             return None
         raise FileError(path, literal.line, f"expected a node, found {_short(literal.text)}")
-    raise VitruvianError(f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
+    raise FileError(path, literal.line, f"{type} is no field type of X3D; expected one such as SFFloat or MFVec3f")
 
 
 def value(node: Node, field: str, type: str, default: object = None, path: object = "") -> object:
@@ -78,14 +81,18 @@ def _short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
-def _bare(literal: Literal) -> str:
-    """The text without VRML comments (never called for strings)."""
+def bare(literal: Literal) -> str:
+    """The text without the comments that VRML may have inside."""
     text = literal.text
-    return _VRML_COMMENT.sub("", text) if literal.syntax == "vrml" and "#" in text else text
+    if literal.syntax != "vrml" or "#" not in text:
+        return text
+    if '"' not in text:
+        return _VRML_COMMENT.sub("", text)
+    return _STRING_OR_COMMENT.sub(lambda m: m[1] or "", text)
 
 
 def _numbers(literal: Literal, many: bool) -> str:
-    text = _bare(literal)
+    text = bare(literal)
     if many and literal.syntax == "vrml":
         text = text.strip()
         if text.startswith("[") and text.endswith("]"):
@@ -109,7 +116,7 @@ def _pieces(text: str) -> list[str]:
 def _check_characters(literal: Literal, text: str, path: object) -> None:
     """float() and int() take underscores and digits of other scripts; X3D doesn't."""
     if "_" in text or not text.isascii():
-        bad = next(t for t in text.split() if "_" in t or not t.isascii())
+        bad = next(t for t in re.split(r"[ \t\n\r\f\v]+", text) if "_" in t or not t.isascii())
         raise _malformed(literal, bad, path, "a number")
 
 
@@ -149,7 +156,7 @@ def _floats(literal: Literal, text: str, type: str, path: object) -> object:
     return array if n == 1 else array.reshape(-1, n)
 
 
-def _is_number(token: str, kind: type) -> bool:
+def _is_number(token: str, kind: Callable[[str], object]) -> bool:
     try:
         kind(token)
     except ValueError:
@@ -262,8 +269,10 @@ def shortest(values: NDArray[np.float64]) -> list[str]:
         raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
     texts = _formatted(single, 6)
     for digits in (7, 8, 9):
-        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single) if texts else []
-        if not len(wrong):
+        if not texts:
+            break
+        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single)
+        if not wrong.size:
             break
         for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
             texts[i] = text
@@ -304,10 +313,10 @@ def text_of(value: object, type: str, syntax: str) -> str:
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
         if isinstance(value, str) and type != "MFString":
             return quote(value) if vrml else value.replace("\\", "\\\\")
-        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else value))  # type: ignore[union-attr]
+        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else list(value)))  # type: ignore[call-overload]
         return f"[ {strings} ]" if vrml else strings
-    many = type.startswith("MF") or (not type and (np.ndim(value) > 1 or np.size(value) > 4))
     array = np.asarray(value)
+    many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
         words = ("FALSE", "TRUE") if vrml else ("false", "true")
         rows = [" ".join(words[bool(v)] for v in array.ravel())]
@@ -361,14 +370,15 @@ def translate(literal: Literal, type: str, syntax: str) -> str | None:
 
 def _to_vrml(literal: Literal, type: str) -> str | None:
     text = literal.text
-    words = text.split()
+    words = text.replace(",", " ").split()
     if words and all(w in ("true", "false", "TRUE", "FALSE") for w in words):
         text = text.upper()
     elif not _NUMBERS.fullmatch(text) or (not words and type[:2] != "MF"):
         if type:
             return None
         if text.lstrip().startswith('"'):
-            return text_of(parse(literal, "MFString"), "MFString", "vrml")
+            with suppress(FileError):  # one that only starts with a quote is a plain string
+                return text_of(parse(literal, "MFString"), "MFString", "vrml")
         return quote(_XML_ESCAPE.sub(r"\1", text))
     many = type.startswith("MF") or (not type and len(words) > 4)
     if not many:
@@ -377,14 +387,13 @@ def _to_vrml(literal: Literal, type: str) -> str | None:
 
 
 def _to_xml(literal: Literal, type: str) -> str | None:
-    text = literal.text.strip()
+    text = bare(literal).strip()
     if not type and '"' in text:
         many = text.startswith("[") or len(_STRING.findall(text)) > 1
         type = "MFString" if many else "SFString"
         return text_of(parse(literal, type), type, "xml")
     if text == "NULL":
         return None
-    text = _bare(literal).strip()
     if text.startswith("[") and text.endswith("]"):
         text = text[1:-1].strip()
     text = " ".join(text.split())

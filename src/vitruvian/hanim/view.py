@@ -74,6 +74,7 @@ def body_nodes(reading: Reading, node: Node) -> tuple[list[Node], list[Node]]:
     containerField count as skeleton when they are not USEs.
     """
     roots: list[Node] = []
+    known: set[int] = set()
     sites: list[Node] = []
     entries: list[tuple[Node, bool]] = []
     for field in _BODY_FIELDS:
@@ -100,7 +101,8 @@ def body_nodes(reading: Reading, node: Node) -> tuple[list[Node], list[Node]]:
     for entry, _ in entries:
         for n in walk_groups(reading, [entry]):
             kind = reading.kind(n)
-            if kind == "Joint" and n not in roots:
+            if kind == "Joint" and id(n) not in known:
+                known.add(id(n))
                 roots.append(n)
             elif kind == "Joint":
                 what = f"{reading.who(n)} stands twice in skeleton: read once"
@@ -280,7 +282,10 @@ def _one_joint(figure: _Figure, node: Node) -> Joint:
     reading = figure.reading
     name = figure.name(node, f"joint_{len(figure.joints) + 1}")
     if name in figure.names or (name in figure.given and not reading.text(node, "name").strip()):
-        number = figure.numbers[name] = figure.numbers.get(name, 1) + 1
+        number = figure.numbers.get(name, 1) + 1
+        while f"{name}_{number}" in figure.names or f"{name}_{number}" in figure.given:
+            number += 1
+        figure.numbers[name] = number
         reading.defect("N04", f"joint {name}: the name is given twice, one is called {name}_{number}", node)
         name = f"{name}_{number}"
     figure.names.add(name)
@@ -398,12 +403,13 @@ def _segment(figure: _Figure, node: Node, joint: Joint) -> tuple[Segment, list[N
         elif kind == "Segment" and n is not node:
             reading.defect("T02", f"{reading.who(n)} hangs in segment {name}: its geometry is read with it", n)
             segment.shapes += surface.shapes(reading, n.children("children"))
-    coord = node.children("coord")
-    if coord:
-        limit = len(reading.numbers(coord[0], "point", "MFVec3f", 3))
-    else:
+    displacers = node.children("displacers")
+    if displacers:
+        coord = node.children("coord")
         limit = max((len(s.points) for s in segment.shapes if s.points is not None), default=0)
-    segment.displacers = [_displacer(figure, n, limit, name) for n in node.children("displacers")]
+        if coord:
+            limit = len(reading.numbers(coord[0], "point", "MFVec3f", 3))
+        segment.displacers = [_displacer(figure, n, limit, name) for n in displacers]
     return segment, joints
 
 

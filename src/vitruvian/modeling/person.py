@@ -10,13 +10,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, eye, vstack
 
 from vitruvian.body.types import Floats, Ints, Weights
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
 from vitruvian.modeling import anatomy, source
-from vitruvian.modeling.look import LookPart, hidden_faces, look_parts, skin_colors
+from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, skin_colors
+from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
 from vitruvian.modeling.rest import at_rest, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
@@ -84,14 +85,23 @@ def person(
         from vitruvian.modeling.measure import solved
 
         sliders = solved(sliders, wishes, kilograms)
-    return humanoid_of(sliders, loa=loa, name=name, seed=seed, **look)
+    return humanoid_of(sliders, loa=loa, name=name, seed=seed, stature=height, **look)
 
 
-def humanoid_of(sliders: Sliders, *, loa: int = 4, name: str = "person", seed: int = 0, **look: Any) -> Humanoid:
-    """The person of these sliders, without solving for measures."""
+def humanoid_of(
+    sliders: Sliders, *, loa: int = 4, name: str = "person", seed: int = 0, stature: float | None = None, **look: Any
+) -> Humanoid:
+    """The person of these sliders, without solving for measures.
+
+    `stature` (m) takes off the few millimetres by which straightening the legs changes the height.
+    """
     points = shaped(sliders)
     assembly = assemble(points, sliders, seed=seed, **look)
     where, centers, ends = rested(points, assembly)
+    tall = float(np.ptp(where[: source.BODY, 1]))
+    if stature is not None and abs(stature / tall - 1) < 0.02:
+        scale = stature / tall
+        where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
     weights = _weights(assembly.parents, loa)
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
@@ -120,20 +130,41 @@ def humanoid_of(sliders: Sliders, *, loa: int = 4, name: str = "person", seed: i
         skeleton=[joints["humanoid_root"]],
         skin=assembly.shapes,
         skin_coord=where,
+        made_from=sliders,
     )
 
 
-def assemble(points: Floats, sliders: Sliders, *, seed: int = 0, **look: Any) -> Assembly:
-    """Body, eyes, hair and clothes of a shape, in the A pose."""
-    tone = look.pop("tone", 0.35)
-    outfit = look.get("outfit")
-    parts: list[LookPart] = look_parts(
-        points[: source.POINTS], gender=sliders.gender, age=sliders.age, seed=seed, **look
-    )
-    skin = skin_colors(points[: source.POINTS], tone=tone, gender=sliders.gender, age=sliders.age, seed=seed)
+def assemble(
+    points: Floats,
+    sliders: Sliders,
+    *,
+    seed: int = 0,
+    hair: str | None = None,
+    hair_color: str | Color | None = None,
+    eye_color: str | Color = "brown",
+    skin_tone: float | str | None = None,
+    outfit: str | None = "t-shirt and shorts",
+    top_color: str | Color | None = None,
+    bottom_color: str | Color | None = None,
+    shoe_color: str | Color | None = None,
+) -> Assembly:
+    """Body, eyes, hair and clothes of a shape, in the A pose.
+
+    hair "short", "bob", "bun", "none" or None: by sex and age; skin_tone 0 light to 1 dark or a name, None: by origin;
+    outfit a name in `vitruvian.modeling.outfit.OUTFITS` or None; colours by name or as three numbers.
+    """
+    if hair is not None and hair not in STYLES:
+        raise VitruvianError(f"hair: expected one of {', '.join(STYLES)}, found {hair!r}")
+    tone = float(np.dot(sliders.origin, (0.78, 0.30, 0.20))) - 0.08 if skin_tone is None else skin_tone
+    dressed = outfit_colors(outfit, top_color, bottom_color, shoe_color, sliders.gender)
+    flesh = points[: source.POINTS]
+    who = {"gender": sliders.gender, "age": sliders.age, "tone": tone, "seed": seed}
+    parts = look_parts(flesh, hair=hair, hair_color=hair_color, eye_color=eye_color, outfit=dressed, **who)
+    shade = None if hair == "none" else hair_color_at(sliders.age, hair_color, tone)
+    skin = skin_colors(flesh, hair=shade, suit=None if dressed else SUIT, **who)
     all_points = np.concatenate([points[: source.BODY], *(p.vertices for p in parts)])
     colors = np.concatenate([skin, *(p.colors for p in parts)])
-    visible = ~hidden_faces(outfit)
+    visible = ~hidden_faces(dressed)
     shapes = [
         Shape(
             "skin",
@@ -141,23 +172,16 @@ def assemble(points: Floats, sliders: Sliders, *, seed: int = 0, **look: Any) ->
             uv=source.array("uv").astype(np.float64),
             uv_triangles=source.array("uv_triangles")[visible],
             colors=colors,
-            material=Material("skin", color=tuple(skin.mean(axis=0)), roughness=0.55),
+            material=Material("skin", color=tuple(skin.mean(axis=0)), roughness=0.52),
         )
     ]
-    rows, columns, values = [np.arange(source.BODY)], [np.arange(source.BODY)], [np.ones(source.BODY)]
     start = source.BODY
     for part in parts:
-        count = len(part.vertices)
-        rows.append(np.repeat(np.arange(start, start + count), part.parent_index.shape[1]))
-        columns.append(part.parent_index.ravel())
-        values.append(part.parent_weight.ravel())
-        material = Material(part.name, part.color, part.roughness, opacity=part.opacity, double_sided=part.double_sided)
+        material = Material(part.name, tuple(part.colors.mean(axis=0)), part.roughness, double_sided=part.double_sided)
         shapes.append(Shape(part.name, (part.triangles + start).astype(np.int32), colors=colors, material=material))
-        start += count
-    parents = csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (start, source.POINTS)
-    )
-    return Assembly(all_points, parents, shapes)
+        start += len(part.vertices)
+    body = eye(source.BODY, source.POINTS, format="csr")
+    return Assembly(all_points, vstack([body, *(p.parents for p in parts)]).tocsr(), shapes)
 
 
 @cache
@@ -230,14 +254,18 @@ def _centroid(points: Floats, triangles: Ints) -> Floats:
 
 def face_displacers(parents: csr_matrix) -> list[Displacer]:
     """The 52 face units as Displacers of the skull; the names carry the standard's suffix `_action`."""
+    units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
+    face = np.unique(np.concatenate([index for index, _ in units.values()]))
+    near = parents[:, face]
+    rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
+    near = near[rows]
     out = []
-    for unit in sorted(source.manifest()["faces"]):
-        index, offset = source.target(unit, "faces")
-        field = np.zeros((source.POINTS, 3))
-        field[index] = offset
-        moved = parents @ field
-        chosen = np.flatnonzero(np.abs(moved).max(axis=1) > LEAST_MOVE).astype(np.int32)
-        out.append(Displacer(action_name(unit), chosen, moved[chosen]))
+    for unit, (index, offset) in units.items():
+        field = np.zeros((len(face), 3))
+        field[np.searchsorted(face, index)] = offset
+        moved = near @ field
+        chosen = np.flatnonzero((np.abs(moved) > LEAST_MOVE).any(axis=1))
+        out.append(Displacer(action_name(unit), rows[chosen], moved[chosen]))
     return out
 
 

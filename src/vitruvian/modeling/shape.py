@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.modeling.source import manifest, points, target
 
+WEIGHTS = (-0.25, 1.75)  # beyond 0..1 only to meet a wish in kilograms: the data are extrapolated
 ORIGINS = ("african", "asian", "caucasian")
 
 
@@ -36,7 +37,8 @@ class Shape:
     def __post_init__(self) -> None:
         for name in ("gender", "muscle", "weight", "height", "proportions", "cup", "firmness"):
             value = getattr(self, name)
-            if not 0 <= value <= 1:
+            least, most = WEIGHTS if name == "weight" else (0.0, 1.0)
+            if not least <= value <= most:
                 raise VitruvianError(f"{name}: expected a number in 0..1, found {value}")
         if not np.isfinite(self.age) or self.age <= 0:
             raise VitruvianError(f"age: expected years in 10..90, found {self.age}")

@@ -51,15 +51,19 @@ class Camera:
         sy = (1 - 2 * np.asarray(y) / height) * half
         return sx[..., None] * axes[0] + sy[..., None] * axes[1] - axes[2]
 
-    def grid(self, size: tuple[int, int], offset: tuple[float, float], block: object = None) -> NDArray[np.float32]:
-        """`rays` (h,w,3) float32 at `offset` in the pixels of a block (x0, y0, x1, y1), by default all of them."""
-        x0, y0, x1, y1 = block or (0, 0, *size)  # type: ignore[misc]
+    def through(
+        self, pixel: NDArray[np.int64] | None, offset: tuple[float, float], size: tuple[int, int]
+    ) -> NDArray[np.float32]:
+        """`rays` (n,3) float32 at `offset` in each of the pixels (n,), row-major indices; None for all."""
         corner, right, down = self.rays(np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), size)  # affine in the pixel
-        x = (np.arange(x0, x1) + offset[0])[:, None] * (right - corner)
-        y = (np.arange(y0, y1) + offset[1])[:, None] * (down - corner) + corner
-        return y.astype(np.float32)[:, None] + x.astype(np.float32)
+        x = ((np.arange(size[0]) + offset[0])[:, None] * (right - corner)).astype(np.float32)
+        y = ((np.arange(size[1]) + offset[1])[:, None] * (down - corner) + corner).astype(np.float32)
+        if pixel is None:
+            return (y[:, None] + x).reshape(-1, 3)
+        row = pixel // size[0]
+        return y[row] + x[pixel - row * size[0]]
 
-    def project(self, points: Floats, size: tuple[int, int]) -> tuple[Floats, Floats]:
+    def project(self, points: NDArray[np.floating], size: tuple[int, int]) -> tuple[Floats, Floats]:
         """Pixel positions (...,2) and depths (...) along the viewing axis; positions behind the camera are NaN."""
         width, height = size
         local = (np.asarray(points, np.float64) - np.asarray(self.eye)) @ self.axes().T

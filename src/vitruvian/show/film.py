@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -122,7 +123,7 @@ def _round(camera: Camera, degrees: float) -> Camera:
     return Camera(_tuple(eye), camera.target, camera.fov, camera.up)
 
 
-def _av():  # type: ignore[no-untyped-def]
+def _av() -> Any:
     try:
         import av
     except ImportError:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +69,13 @@ def picture(
     return pixels
 
 
-def _settings(kind: str) -> dict[str, object]:
-    return {"PNG": {"optimize": False, "compress_level": 6}, "JPEG": {"quality": 92}, "WEBP": {"quality": 92}}[kind]
+def _settings(kind: str) -> dict[str, Any]:
+    kinds: dict[str, dict[str, Any]] = {
+        "PNG": {"compress_level": 6},
+        "JPEG": {"quality": 92},
+        "WEBP": {"quality": 92},
+    }
+    return kinds[kind]
 
 
 def photograph(

@@ -78,7 +78,7 @@ class Raster:
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
             self.middle, self.radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
 
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], among: object = None) -> Hits:
+    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits:
         xy, depth = camera.project(self.vertices, size)
         near = 1 / np.where(depth > 1e-9, depth, np.nan)
         shift = np.array([0.5, 0.5]) - offset

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.show.camera import direction
+from vitruvian.show.grain import close, noise
 
-Single = NDArray[np.float32]
+Single = NDArray[np.floating]  # float32 where it is large
 KINDS = ("plain", "skin", "eye", "hair", "cloth", "gloss")
 _WORDS = {
     "skin": ("skin", "face", "flesh", "lips", "nail"),
@@ -59,16 +60,16 @@ class Light:
 class Studio:
     """Light and backdrop. Colours of the backdrop are sRGB as they shall appear."""
 
-    key: Light = field(default_factory=lambda: Light(-38.0, 40.0, (2.55, 2.42, 2.25), 0.22, True))
-    fill: Light = field(default_factory=lambda: Light(58.0, 14.0, (0.40, 0.45, 0.52), 0.6))
-    rim: Light = field(default_factory=lambda: Light(146.0, 36.0, (1.9, 1.95, 2.05), 0.3))
-    kicker: Light = field(default_factory=lambda: Light(-140.0, 22.0, (0.75, 0.8, 0.9), 0.3))
-    sky: tuple[float, float, float] = (0.50, 0.53, 0.58)
-    earth: tuple[float, float, float] = (0.30, 0.28, 0.26)
+    key: Light = field(default_factory=lambda: Light(-40.0, 42.0, (2.62, 2.46, 2.26), 0.20, True))
+    fill: Light = field(default_factory=lambda: Light(58.0, 14.0, (0.30, 0.34, 0.40), 0.6))
+    rim: Light = field(default_factory=lambda: Light(146.0, 36.0, (1.35, 1.4, 1.5), 0.4))
+    kicker: Light = field(default_factory=lambda: Light(-140.0, 22.0, (0.6, 0.64, 0.72), 0.4))
+    sky: tuple[float, float, float] = (0.42, 0.445, 0.49)
+    earth: tuple[float, float, float] = (0.24, 0.225, 0.21)
     center: tuple[float, float, float] = (0.925, 0.92, 0.912)
     edge: tuple[float, float, float] = (0.70, 0.695, 0.69)
     floor: tuple[float, float, float] = (0.80, 0.80, 0.80)
-    exposure: float = 0.72
+    exposure: float = 0.66
 
     def mirrored(self) -> Studio:
         """The studio seen in a mirror."""
@@ -123,9 +124,13 @@ def _lobe(normal: Single, view: Single, light: Single, roughness: Single, base: 
     return scale * (base + (1 - base) * bend)
 
 
-def shade(s: Samples, studio: Studio, heading: float) -> Single:
-    """Light (n,3), linear and tone mapped to 0..1 (display-linear), that leaves the samples towards the eye."""
+def shade(s: Samples, studio: Studio, heading: float, pixel: float = 1.0) -> Single:
+    """Light (n,3), linear and tone mapped to 0..1 (display-linear), that leaves the samples towards the eye.
+
+    pixel: how many metres of the subject a pixel is wide; patterns too fine for it are left out.
+    """
     out = np.zeros_like(s.albedo)
+    s = textured(s, pixel)
     for index, draw in enumerate((_plain, _skin, _eye, _hair, _cloth, _plain)):
         some = np.flatnonzero(s.kind == index)
         if some.size == len(s.kind):
@@ -133,6 +138,34 @@ def shade(s: Samples, studio: Studio, heading: float) -> Single:
         elif some.size:
             out[some] = draw(s[some], studio, heading)
     return filmic(out * np.float32(studio.exposure))
+
+
+def textured(s: Samples, pixel: float) -> Samples:
+    """The samples with the small unevenness of skin, cloth and hair."""
+    albedo, normal = s.albedo.copy(), s.normal.copy()
+    skin = np.flatnonzero(s.kind == KINDS.index("skin"))
+    if skin.size:
+        rest = s.texture[skin]
+        blood = 0.045 * noise(rest * 38) + 0.03 * noise(rest * 130 + 7)
+        albedo[skin] *= 1 + blood * np.array([0.45, 1.0, 1.1], np.float32)
+        pores = close(0.0016, pixel)
+        if pores:
+            normal[skin] = _unit(normal[skin] + np.float32(0.085 * pores) * noise(rest * 640, 3))
+    cloth = np.flatnonzero(s.kind == KINDS.index("cloth"))
+    weave = close(0.002, pixel)
+    if cloth.size and weave:
+        rest = s.texture[cloth] * np.array([900, 420, 900], np.float32)
+        fibre = noise(rest, 3)
+        albedo[cloth] *= 1 + np.float32(0.10 * weave) * fibre[:, :1]
+        normal[cloth] = _unit(normal[cloth] + np.float32(0.10 * weave) * fibre)
+    hair = np.flatnonzero(s.kind == KINDS.index("hair"))
+    if hair.size:
+        x, y, z = s.strand[hair].T
+        way = np.stack([np.arctan2(x, z) * 70, y * 14, np.hypot(x, z) * 9], -1)  # changes slowly along a strand
+        locks = noise(way * np.array([0.3, 1, 1], np.float32)) * 0.16 + noise(way) * 0.16
+        albedo[hair] *= 1 + locks
+        normal[hair] = _unit(normal[hair] + np.float32(0.12) * noise(way + 31, 3))
+    return replace(s, albedo=albedo, normal=normal)
 
 
 def _dome(s: Samples, studio: Studio, normal: Single) -> Single:
@@ -197,7 +230,6 @@ def _skin(s: Samples, studio: Studio, heading: float) -> Single:
             s.normal, s.view, to, rough * 0.6, 0.028
         )
         out += (gloss * reach)[:, None] * color
-    # thin places glow: light from behind through ears, nostrils and fingers is mostly red
     return out
 
 
@@ -218,12 +250,12 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
         out += (box * (fresnel + 0.05) * 14.0 * np.sqrt(np.maximum(s.sky, 0)))[:, None] * np.asarray(
             light.color, np.float32
         )
-    return out + _mirror(replace(s, roughness=np.full_like(s.roughness, 0.1)), studio, 0.03, np.float32(0.1))
+    return out + _mirror(replace(s, roughness=np.full_like(s.roughness, 0.1)), studio, 0.03, s.roughness * 0 + 0.1)
 
 
 def _hair(s: Samples, studio: Studio, heading: float) -> Single:
-    strand = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
-    strand = _unit(strand + 1e-4)
+    flat = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
+    strand = _unit(flat + 1e-4)
     out = s.albedo * _dome(s, studio, s.normal)
     for light in studio.lights():
         to = light.towards(heading)
@@ -256,9 +288,10 @@ def _cloth(s: Samples, studio: Studio, heading: float) -> Single:
 
 
 def filmic(x: Single) -> Single:
-    """Scene-linear to display-linear in 0..1: a toe and a shoulder (Narkowicz 2015)."""
+    """Scene-linear to display-linear in 0..1: the mean of a curve with a toe (Narkowicz 2015) and one without."""
     x = np.maximum(x, 0)
-    return np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0, 1)
+    toe = np.clip(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0, 1)
+    return 0.5 * toe + 0.5 * (1 - np.exp(-1.05 * x))
 
 
 def to_linear(srgb: object) -> Single:

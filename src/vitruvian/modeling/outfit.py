@@ -1,0 +1,107 @@
+"""Clothes of the built-in person: surfaces cut from the source's tights, smoothed outward, with hems and seams."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, diags
+
+from vitruvian.body.types import Floats
+from vitruvian.errors import VitruvianError
+from vitruvian.modeling import source
+from vitruvian.modeling.look import Color, LookPart, looks, named
+
+# Name -> (title of the shape, second colour as a factor and an addition, roughness, smoothing rounds, hem in metres).
+GARMENTS = {
+    "t-shirt": ("top", (0.86, 0.0), 0.85, 24, 0.004),
+    "shorts": ("shorts", (1.0, 0.0), 0.8, 10, 0.004),
+    "trousers": ("trousers", (1.0, 0.0), 0.8, 10, 0.003),
+    "shoes": ("shoes", (0.0, 0.9), 0.6, 6, 0.003),
+}
+OUTFITS: dict[str, tuple[str, ...]] = {
+    "t-shirt and shorts": ("shorts", "t-shirt", "shoes"),
+    "t-shirt and trousers": ("trousers", "t-shirt", "shoes"),
+    "body suit": (),
+}
+COLORS: dict[str, Color] = {
+    "white": (0.90, 0.90, 0.88), "grey": (0.45, 0.46, 0.48), "charcoal": (0.20, 0.21, 0.23), "navy": (0.13, 0.18, 0.30),
+    "blue": (0.23, 0.40, 0.58), "teal": (0.13, 0.42, 0.44), "green": (0.24, 0.42, 0.29), "red": (0.62, 0.19, 0.18),
+    "coral": (0.82, 0.42, 0.36), "plum": (0.40, 0.22, 0.36), "sand": (0.70, 0.60, 0.46), "denim": (0.24, 0.31, 0.42),
+}  # fmt: skip
+SUIT: Color = (0.20, 0.24, 0.30)
+MARGIN = 22  # millimetres inside a garment's edge where the skin beneath is left out
+
+
+def outfit_colors(
+    outfit: str | None, top: str | Color | None, bottom: str | Color | None, shoes: str | Color | None, gender: float
+) -> dict[str, Color]:
+    """Garments of an outfit, inner first, with their colours. None and "body suit" wear none."""
+    if outfit is None:
+        return {}
+    if outfit not in OUTFITS:
+        raise VitruvianError(f"outfit: expected one of {', '.join(OUTFITS)}, found {outfit!r}")
+    chosen = {
+        "t-shirt": top or ("teal" if gender < 0.5 else "blue"),
+        "shorts": bottom or ("navy" if gender < 0.5 else "charcoal"),
+        "trousers": bottom or "denim",
+        "shoes": shoes or "grey",
+    }
+    return {name: named(chosen[name], COLORS, "colour of " + name) for name in OUTFITS[outfit]}
+
+
+def hidden_faces(garments: dict[str, Color]) -> np.ndarray:
+    """(T,) bool: body triangles that lie well under a garment."""
+    under = np.zeros(source.BODY, bool)
+    for name in garments:
+        under |= looks(f"{name}.cover") > (MARGIN if name != "shoes" else 12)
+    return under[source.array("triangles")].all(axis=1)
+
+
+def vertex_normals(points: Floats, triangles: np.ndarray) -> Floats:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    face = np.cross(b - a, c - a)
+    out = np.stack([sum(np.bincount(triangles[:, k], face[:, i], len(points)) for k in range(3)) for i in range(3)], 1)
+    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+
+
+def garment_part(name: str, points: Floats, color: Color) -> LookPart:
+    """A garment on a shaped person (points (19158,3), A pose).
+
+    The cloth lies `loose` metres over the tights and, where the body is hollow, on its smoothed surface.
+    """
+    title, (factor, plus), roughness, rounds, hem = GARMENTS[name]
+    get = lambda key: looks(f"{name}.{key}")  # noqa: E731
+    row = get("row")
+    n = len(row) - 1
+    share = get("share").astype(np.float64)
+    share /= np.repeat(np.add.reduceat(share, row[:-1]), np.diff(row))
+    means = csr_matrix((share, get("point").astype(np.int32), row), (n, source.POINTS))
+    surface = get("surface").astype(np.int32)
+    loose = get("loose").astype(np.float64)
+    skin = means @ points
+    normal = vertex_normals(skin, surface)
+    edges = surface[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    near = coo_matrix((np.ones(2 * len(edges)), (edges.ravel(), edges[:, ::-1].ravel())), (n, n)).tocsr()
+    near = diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
+    smooth = skin.copy()
+    turned = normal.copy()
+    for k in range(rounds):
+        smooth = 0.5 * smooth + 0.5 * (near @ smooth)
+        if k < 8:
+            turned = turned + near @ turned
+            turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    fill = np.clip(((smooth - skin) * normal).sum(axis=1), 0, 0.04)
+    cloth = skin + normal * fill[:, None] + turned * loose[:, None]
+    inner = cloth - turned * hem
+    if name == "shoes":
+        flat = get("flat").astype(np.float64)
+        floor = points[: source.BODY, 1].min() - 0.017
+        cloth[:, 1] = (1 - flat) * cloth[:, 1] + flat * floor
+    vertex, is_hem = get("vertex").astype(np.int64), get("hem")
+    where = np.where(is_hem[:, None], inner[vertex], cloth[vertex])
+    second, seam = get("piece") == 1, get("piece") == 2
+    shade = get("shade").astype(np.float64)[vertex] * np.where(seam, 0.72, 1.0)
+    tint = np.where(second[:, None], np.array(color) * factor + plus, np.array(color))
+    colors = np.clip(tint * np.where(is_hem, 0.6 * shade, shade)[:, None], 0, 1)
+    return LookPart(
+        title, where, get("triangles").astype(np.int32), colors, means[vertex].tocsr(), roughness, double_sided=True
+    )

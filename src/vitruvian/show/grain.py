@@ -1,0 +1,41 @@
+"""Patterns that stick to a surface: smooth noise in space, evaluated at positions at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Single = NDArray[np.floating]  # float32 where it is large
+
+
+def noise(points: Single, channels: int = 1) -> Single:
+    """Value noise (n, channels) in -1..1 at points (n,3), one feature per unit; the same for ever and everywhere."""
+    cell = np.floor(points)
+    t = (points - cell).astype(np.float32)
+    t = t * t * (3 - 2 * t)
+    i = cell.astype(np.int64)
+    out = np.zeros((len(points), channels), np.float32)
+    with np.errstate(over="ignore"):
+        x = [(i[:, 0] + k) * 73856093 for k in (0, 1)]
+        y = [(i[:, 1] + k) * 19349663 for k in (0, 1)]
+        z = [(i[:, 2] + k) * 83492791 for k in (0, 1)]
+        for a in (0, 1):
+            wx = t[:, 0] if a else 1 - t[:, 0]
+            for b in (0, 1):
+                wy = wx * (t[:, 1] if b else 1 - t[:, 1])
+                for c in (0, 1):
+                    w = wy * (t[:, 2] if c else 1 - t[:, 2])
+                    h = ((x[a] ^ y[b] ^ z[c]) & 0xFFFFFFFF).astype(np.uint32)
+                    for k in range(channels):  # finaliser of MurmurHash3 (public domain), one round per channel
+                        h ^= h >> np.uint32(16)
+                        h *= np.uint32(0x85EBCA6B)
+                        h ^= h >> np.uint32(13)
+                        h *= np.uint32(0xC2B2AE35)
+                        h ^= h >> np.uint32(16)
+                        out[:, k] += w * (h >> np.uint32(8)).astype(np.float32)
+    return out * np.float32(2 / (1 << 24)) - 1
+
+
+def close(size: float, pixel: float) -> float:
+    """How much of a pattern of that size (metres) a picture can hold whose pixels are `pixel` metres wide: 0..1."""
+    return float(np.clip((size / max(pixel, 1e-9) - 1.5) / 2, 0, 1))

@@ -1,0 +1,431 @@
+// The page: puts frames from a source on stage and connects the controls.
+
+import * as THREE from "three";
+import { DEFORMERS } from "./deform.js";
+import { RAMP, css } from "./colors.js";
+import { Figure } from "./figure.js";
+import { History, localRotation, toQuaternion } from "./pose.js";
+import { JointTree, Shapes, showFindings } from "./panels.js";
+import { LiveSource, RecordedSource } from "./source.js";
+import { Overlay, pick } from "./overlays.js";
+import { Studio } from "./studio.js";
+import { download, icons, keyList, keys, theme, tooltips } from "./controls.js";
+
+const $ = (id) => document.getElementById(id);
+
+/** Start the page on a live server ({token}) or on the bytes of a recording ({recording}). */
+export async function start({ token, recording }) {
+  const setIcon = icons();
+  let studio;
+  try {
+    studio = new Studio($("canvas"));
+  } catch (error) {
+    $("notice").textContent = "This page needs WebGL 2, which this browser does not offer.";
+    throw error;
+  }
+  const page = new Page(studio, setIcon);
+  tooltips($("tip"));
+  theme($("theme"), (name) => studio.theme(name));
+  page.source = recording ? new RecordedSource(page, recording) : new LiveSource(page, token);
+  page.bindControls();
+  requestAnimationFrame((now) => page.loop(now));
+}
+
+class Page {
+  constructor(studio, setIcon) {
+    Object.assign(this, { studio, setIcon, figures: new Map(), overlays: new Map(), mode: "skin", selected: -1, hello: null });
+    this.header = { frame: 0, round: 0, playing: false, speed: 1, loop: true };
+    this.drawn = [];
+    this.offset = new THREE.Vector3();
+    this.history = new History(() => this.edited());
+    this.tree = new JointTree($("joints"), $("joint-filter"), {
+      select: (j) => this.select(j), turn: (j, R, key) => this.turn(j, R, key), settle: () => this.history.settle(),
+    });
+    this.shapes = new Shapes($("shapes"), { displace: (d, w, key) => this.displace(d, w, key), settle: () => this.history.settle() });
+    studio.canvas.classList.add("empty");
+    studio.head = () => this.face();
+    $("legend-ramp").style.background = `linear-gradient(to right, ${RAMP.filter((_, i) => i % 15 === 0).map(css).join(", ")})`;
+    this.publish();
+  }
+
+  /** window.vitruvian: what tests and scripts may read. */
+  publish() {
+    const page = this, read = (get) => ({ get, enumerable: true });
+    const state = Object.defineProperties({}, {
+      frame: read(() => Math.floor(page.header.frame + 1e-6)),
+      frames: read(() => page.hello?.frames ?? 0),
+      time: read(() => page.header.frame / (page.hello?.fps ?? 1)),
+      fps: read(() => page.rate()),
+      playing: read(() => Boolean(page.header.playing)),
+      actors: read(() => [...page.figures.values()].map((f) => ({
+        name: f.name, joints: f.joints.length, vertices: f.source.length, triangles: f.triangles.length / 3, deformer: f.deformer,
+      }))),
+      selected: read(() => page.figure?.joints[page.selected] ?? null),
+      quality: read(() => page.studio.qualityName),
+      software: read(() => page.studio.software),
+      connected: read(() => Boolean(page.source?.connected)),
+      recorded: read(() => page.source instanceof RecordedSource),
+    });
+    state.positions = (name) => Array.from((page.figures.get(name) ?? page.figure)?.positions ?? []);
+    state.screen = (joint) => page.screen(joint);
+    Object.defineProperty(window, "vitruvian", { value: Object.freeze(state), writable: false });
+  }
+
+  /** Pixel (x, y) of a joint in the window. */
+  screen(joint) {
+    const f = this.figure, j = f?.joints.indexOf(joint) ?? -1, { clientWidth: w, clientHeight: h } = this.studio.canvas;
+    if (j < 0) return null;
+    const p = f.jointPosition(j).project(this.studio.camera);
+    return [((p.x + 1) / 2) * w, ((1 - p.y) / 2) * h];
+  }
+
+  /** Figure that the panels are about: the first with joints. */
+  get figure() {
+    const all = [...this.figures.values()];
+    return all.find((f) => f.isBody) ?? all[0];
+  }
+
+  rate() {
+    const d = this.drawn;
+    return d.length < 2 ? 0 : Math.round((10000 * (d.length - 1)) / (d.at(-1) - d[0])) / 10;
+  }
+
+  // What the source calls -------------------------------------------------------------------------------------------
+
+  welcome(header) {
+    this.hello = header;
+    document.title = `${header.title} \u2013 vitruvian`;
+    $("title").textContent = header.title;
+    $("timeline").max = Math.max(0, header.frames - 1);
+    for (const f of this.figures.values()) this.studio.scene.remove(f.group);
+    this.figures.clear();
+    this.overlays.clear();
+    this.arrived = false;
+    this.again = Boolean(this.studio.box); // after a reconnection the camera stays
+  }
+
+  mesh(header, blocks) {
+    const figure = new Figure(header, blocks[header.actor]), overlay = new Overlay(figure);
+    this.figures.set(figure.name, figure);
+    this.overlays.set(figure.name, overlay);
+    figure.overlay = overlay;
+    if (figure === this.figure) this.present(figure);
+  }
+
+  present(figure) {
+    $("deformer").replaceChildren(...this.hello.deformers.map((n) => new Option(DEFORMER_WORDS[n] ?? n, n)));
+    $("deformer").value = figure.deformer;
+    $("deformer").disabled = !figure.isBody;
+    this.tree.show(figure);
+    this.shapes.show(figure);
+    this.history.done.length = this.history.undone.length = 0;
+    this.edited();
+    showFindings($("findings"), $("finding-count"), this.hello.findings, figure.joints, (j) => { $("joints-panel").open = true; this.select(j); });
+    $("finding-count").parentElement.parentElement.classList.toggle("empty", !this.hello.findings.length);
+  }
+
+  frame(header, blocks) {
+    this.header = header;
+    for (const figure of this.figures.values()) {
+      const told = header.deformers?.[figure.name]; // another page may have changed it
+      if (told && this.source.live && told !== figure.deformer && performance.now() - (this.chosen ?? -1e9) > 1000) {
+        figure.deformer = told;
+        if (figure === this.figure) $("deformer").value = told;
+      }
+      figure.update(DEFORMERS.includes(figure.deformer) ? without(blocks[figure.name]) : blocks[figure.name]);
+      if (figure.isBody) {
+        const t = figure.travel ?? [0, 0, 0];
+        figure.group.position.set(t[0], t[1], t[2]).multiplyScalar(header.round).sub(this.offset);
+      }
+    }
+    if (!this.arrived) this.arrive();
+    this.changed = true;
+  }
+
+  state(text) { $("notice").textContent = text; }
+
+  arrive() {
+    this.arrived = true;
+    const boxes = [...this.figures.values()].map((f) => f.box());
+    const low = [0, 1, 2].map((a) => Math.min(...boxes.map((b) => b[0][a]))), high = [0, 1, 2].map((a) => Math.max(...boxes.map((b) => b[1][a])));
+    this.studio.followed = null;
+    if (this.again) this.studio.box = { low, high };
+    else this.studio.frame(low, high);
+    for (const f of this.figures.values()) this.studio.scene.add(f.group);
+    this.studio.canvas.classList.remove("empty");
+    this.looks();
+  }
+
+  // Drawing ---------------------------------------------------------------------------------------------------------
+
+  loop(now) {
+    requestAnimationFrame((t) => this.loop(t));
+    const began = performance.now(), dt = Math.min(0.5, (now - (this.before ?? now)) / 1000);
+    this.before = now;
+    this.source.tick(now);
+    const figure = this.figure;
+    if (figure && this.arrived) {
+      figure.group.updateMatrixWorld(true);
+      if (figure.isBody) this.studio.track(figure.jointPosition(root(figure)), dt, this.header.playing);
+      this.rebase();
+    }
+    if (this.changed) {
+      for (const o of this.overlays.values()) o.update();
+      this.studio.shade([...this.figures.values()].flatMap((f) => f.spheres()));
+      this.transport();
+    }
+    if (this.changed || this.header.playing || this.studio.moving) this.stillSince = now;
+    this.studio.settle(now - (this.stillSince ?? now) > 300);
+    if (this.studio.draw(dt, this.changed)) {
+      this.drawn.push(now);
+      while (this.drawn.length > 60 || now - this.drawn[0] > 3000) this.drawn.shift();
+      if (this.header.playing && dt) this.studio.watch(Math.max(performance.now() - began, 1000 * dt));
+    }
+    this.changed = false;
+  }
+
+  /** Stay near the origin on long walks: go back by whole metres, which nobody sees on a grid of half metres. */
+  rebase() {
+    const { followed } = this.studio;
+    if (!followed || Math.hypot(followed.x, followed.z) < 60) return;
+    const back = new THREE.Vector3(Math.round(followed.x), 0, Math.round(followed.z));
+    this.offset.add(back);
+    for (const f of this.figures.values()) { f.group.position.sub(back); f.group.updateMatrixWorld(true); }
+    followed.sub(back);
+    this.studio.shift(back.negate());
+  }
+
+  transport() {
+    const { frame, playing, speed, loop } = this.header, line = $("timeline"), fps = this.hello.fps;
+    if (!this.scrubbing) line.value = Math.round(frame);
+    line.style.setProperty("--fill", `${(100 * line.value) / (line.max || 1)}%`);
+    const text = `${(frame / fps).toFixed(2)} / ${(this.hello.frames / fps).toFixed(2)} s`;
+    if ($("clock").textContent !== text) $("clock").textContent = text;
+    if (this.shownPlaying !== playing) {
+      this.shownPlaying = playing;
+      this.setIcon($("play"), playing ? "pause" : "play");
+      $("play").setAttribute("aria-pressed", String(Boolean(playing)));
+    }
+    if (document.activeElement !== $("speed") && $("speed").value !== String(speed)) $("speed").value = String(speed);
+    $("loop").setAttribute("aria-pressed", String(Boolean(loop)));
+    this.tree.update();
+    if ($("shapes-panel").open) this.shapes.update();
+    const now = performance.now();
+    if (now - (this.rated ?? 0) > 500) {
+      this.rated = now;
+      const reduced = this.studio.level < 3 ? ` \u00b7 ${this.studio.qualityName}` : "";
+      $("rate").textContent = playing ? `${Math.round(this.rate())} fps${reduced}` : "";
+    }
+  }
+
+  // Editing ---------------------------------------------------------------------------------------------------------
+
+  select(j) {
+    this.selected = j;
+    this.tree.select(j);
+    this.figure.overlay.color(j);
+    if (this.mode === "weights") this.looks();
+    this.changed = true;
+  }
+
+  turn(j, R, key) {
+    const { figure } = this, before = figure.turns.get(j) ?? null;
+    this.put(figure, j, R);
+    this.history.push({ key, undo: () => this.put(figure, j, before), redo: () => this.put(figure, j, R) });
+  }
+
+  put(figure, j, R) {
+    if (R) figure.turns.set(j, R);
+    else figure.turns.delete(j);
+    this.source.rotation(figure.name, figure.joints[j], R ? toQuaternion(R) : [0, 0, 0, 1]);
+    this.refresh(figure);
+  }
+
+  displace(d, weight, key) {
+    const { figure } = this, before = figure.displaced.get(d) ?? null;
+    this.putShape(figure, d, weight);
+    this.history.push({ key, undo: () => this.putShape(figure, d, before), redo: () => this.putShape(figure, d, weight) });
+  }
+
+  putShape(figure, d, weight) {
+    if (weight === null) figure.displaced.delete(d);
+    else figure.displaced.set(d, weight);
+    this.source.displacer(figure.name, figure.displacers[d].name, weight ?? figure.displacerWeights[d]);
+    this.refresh(figure);
+  }
+
+  refresh(figure) {
+    figure.refresh();
+    this.changed = true;
+  }
+
+  reset() {
+    const { figure } = this, turns = new Map(figure.turns), shapes = new Map(figure.displaced);
+    if (!turns.size && !shapes.size) return;
+    const put = (t, s) => {
+      this.source.clear(figure.name);
+      figure.turns = new Map(t);
+      figure.displaced = new Map(s);
+      for (const [j, R] of t) this.source.rotation(figure.name, figure.joints[j], toQuaternion(R));
+      for (const [d, w] of s) this.source.displacer(figure.name, figure.displacers[d].name, w);
+      this.refresh(figure);
+    };
+    put([], []);
+    this.history.push({ undo: () => put(turns, shapes), redo: () => put([], []) });
+  }
+
+  edited() {
+    $("undo").disabled = !this.history.done.length;
+    $("redo").disabled = !this.history.undone.length;
+    if (!this.figure) return;
+    this.tree.marks();
+    this.shapes.update();
+  }
+
+  // Looks -----------------------------------------------------------------------------------------------------------
+
+  looks() {
+    for (const figure of this.figures.values()) {
+      const own = figure === this.figure;
+      figure.paint(own || this.mode === "segments" ? this.mode : "skin", Math.max(0, this.selected));
+      figure.wireframe(pressed("wire"));
+      figure.overlay.skeleton.visible = pressed("bones");
+      figure.overlay.pins.visible = pressed("sites");
+    }
+    $("legend").hidden = this.mode !== "weights" || !this.figure?.isBody;
+    $("legend-name").textContent = `Weight of ${this.figure?.joints[Math.max(0, this.selected)] ?? ""}`;
+    this.changed = true;
+  }
+
+  setMode(mode) {
+    this.mode = this.mode === mode ? "skin" : mode;
+    if (this.mode === "weights" && this.selected < 0 && this.figure?.isBody) this.select(heaviest(this.figure));
+    for (const m of ["weights", "segments"]) $(m).setAttribute("aria-pressed", String(this.mode === m));
+    this.looks();
+  }
+
+  face() {
+    const f = this.figure, j = f?.joints?.findIndex((n) => /skullbase|^head$/i.test(n)) ?? -1;
+    if (j < 0) return null;
+    const p = f.jointPosition(j), high = this.studio.box.high[1], low = this.studio.box.low[1];
+    return p.add(new THREE.Vector3(0, 0.022 * (high - low), 0.04));
+  }
+
+  setDeformer(name) {
+    const { figure } = this;
+    figure.deformer = name;
+    this.chosen = performance.now();
+    $("deformer").value = name;
+    this.source.deformer(figure.name, name);
+    if (DEFORMERS.includes(name)) { figure.served = null; this.refresh(figure); }
+  }
+
+  async savePicture() { download(await this.studio.picture(), `${this.fileName()}.png`); this.changed = true; }
+
+  /** {joint: [x, y, z, angle]} of every joint that is turned: what `vitruvian pose --joints` reads. */
+  savePose() {
+    const f = this.figure, out = {};
+    f?.joints.forEach((name, j) => {
+      const [x, y, z, w] = toQuaternion(localRotation(f.pose, f.parents, j)), s = Math.hypot(x, y, z), angle = 2 * Math.atan2(s, w);
+      if (s > 1e-5) out[name] = [x / s, y / s, z / s, angle > Math.PI ? angle - 2 * Math.PI : angle].map((n) => Number(n.toFixed(7)));
+    });
+    download(new Blob([JSON.stringify(out, null, 1)], { type: "application/json" }), `${this.fileName()}.json`);
+  }
+
+  fileName() { return `${(this.hello?.title ?? "vitruvian").replace(/[^\w.-]+/g, "-")}-${Math.floor(this.header.frame)}`; }
+
+  // Controls --------------------------------------------------------------------------------------------------------
+
+  bindControls() {
+    const { source, studio } = this, click = (id, act) => { $(id).onclick = act; };
+    const toggle = (id, act) => click(id, () => { $(id).setAttribute("aria-pressed", String(!pressed(id))); act(pressed(id)); });
+    const play = () => (this.header.playing ? source.pause() : source.play());
+    const panel = (id) => () => { $(id).open = !$(id).open; };
+    click("play", play);
+    click("step-back", () => source.step(-1));
+    click("step-next", () => source.step(1));
+    toggle("loop", (on) => source.loop(on));
+    $("speed").onchange = () => source.speed(Number($("speed").value));
+    const line = $("timeline");
+    line.oninput = () => {
+      if (!this.scrubbing && this.header.playing) { source.pause(); this.resume = true; }
+      this.scrubbing = true;
+      source.seek(Number(line.value));
+      line.style.setProperty("--fill", `${(100 * line.value) / (line.max || 1)}%`);
+    };
+    line.onchange = () => { this.scrubbing = false; this.resume = false; };
+    for (const id of ["bones", "wire", "sites"]) toggle(id, () => this.looks());
+    for (const id of ["weights", "segments"]) click(id, () => this.setMode(id));
+    for (const view of ["front", "side", "back", "face"]) click(`view-${view}`, () => studio.fly(view));
+    toggle("follow", (on) => { studio.follow = on; });
+    click("undo", () => this.history.undo());
+    click("redo", () => this.history.redo());
+    click("export", () => this.savePicture());
+    click("export-pose", () => this.savePose());
+    click("reset-pose", () => this.reset());
+    toggle("help", (on) => { keyList($("keys")); $("keys").hidden = !on; });
+    $("deformer").onchange = () => this.setDeformer($("deformer").value);
+    $("shapes-panel").ontoggle = () => this.shapes.update();
+    const cycle = () => { const all = [...$("deformer").options].map((o) => o.value); this.setDeformer(all[(all.indexOf($("deformer").value) + 1) % all.length]); };
+    const speed = (d) => () => { const s = $("speed"); s.selectedIndex = Math.min(s.length - 1, Math.max(0, s.selectedIndex + d)); source.speed(Number(s.value)); };
+    const press = (id) => () => $(id).click();
+    keys({
+      Space: play, ArrowLeft: () => source.step(-1), ArrowRight: () => source.step(1), "[": speed(-1), "]": speed(1), L: press("loop"),
+      Home: () => source.seek(0), End: () => source.seek(this.hello.frames - 1),
+      B: press("bones"), W: press("weights"), C: press("segments"), M: press("wire"), P: press("sites"), D: cycle, K: press("follow"),
+      1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
+      T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
+      "/": () => { $("joints-panel").open = true; $("joint-filter").focus(); },
+      "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
+      Escape: () => { for (const p of document.querySelectorAll(".panel")) p.open = false; if (pressed("help")) $("help").click(); },
+    });
+    this.bindPointer();
+  }
+
+  bindPointer() {
+    const { canvas, camera } = this.studio, label = $("label");
+    let down = null;
+    canvas.addEventListener("pointerdown", (e) => { down = [e.clientX, e.clientY]; label.hidden = true; });
+    canvas.addEventListener("pointerleave", () => { label.hidden = true; });
+    canvas.addEventListener("pointermove", (e) => {
+      if (e.buttons || !this.figure) return;
+      const hit = this.at(e);
+      label.hidden = !hit;
+      if (hit) { label.textContent = hit.name; label.style.left = `${e.clientX}px`; label.style.top = `${e.clientY}px`; }
+    });
+    canvas.addEventListener("click", (e) => {
+      if (!this.figure || !down || Math.hypot(e.clientX - down[0], e.clientY - down[1]) > 4) return;
+      const hit = this.at(e);
+      let j = hit?.kind === "joint" ? hit.index : -1;
+      if (j < 0 && (this.mode !== "skin" || $("joints-panel").open)) j = pick(this.figure, e.clientX, e.clientY, camera, canvas.clientWidth, canvas.clientHeight);
+      if (j >= 0) this.select(j);
+    });
+  }
+
+  at(e) {
+    const { canvas, camera } = this.studio;
+    return this.figure.overlay.nearest(e.clientX, e.clientY, camera, canvas.clientWidth, canvas.clientHeight);
+  }
+}
+
+const DEFORMER_WORDS = {
+  linear: "linear", "dual-quaternion": "dual quaternion", log: "log-matrix", "log-pair": "log, pairwise", "log-absolute": "log, as published", hybrid: "hybrid",
+};
+const pressed = (id) => $(id).getAttribute("aria-pressed") === "true";
+const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers } : blocks);
+
+/** Joint that the camera follows: the first that has several children, else the first. */
+function root(figure) {
+  if (figure.rootJoint === undefined) {
+    const children = figure.joints.map((_, j) => figure.parents.filter((p) => p === j).length);
+    figure.rootJoint = Math.max(0, children.findIndex((n) => n > 1));
+  }
+  return figure.rootJoint;
+}
+
+/** Joint with the most skin: a good first one to show the weights of. */
+function heaviest(figure) {
+  const sum = new Float64Array(figure.joints.length);
+  figure.joint.forEach((j, k) => { sum[j] += figure.weight[k]; });
+  return sum.indexOf(Math.max(...sum));
+}

@@ -1,0 +1,144 @@
+"""A clip as one HTML file that plays from disk: the page, three.js and the same messages that the server sends.
+
+No network: everything is inside, and a content security policy forbids the page to ask for anything.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+import zlib
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from vitruvian.errors import VitruvianError
+from vitruvian.show.actors import PAGE, SERVED, actors_of, pose_blocks
+from vitruvian.show.live import finding_fields
+from vitruvian.show.server import FOLDER, MODULES, Showing
+from vitruvian.show.wire import Block, encode
+
+LIMIT = 200e6  # bytes of frames before compression; more is refused
+
+# Unpacks the modules in the order of their imports and links them by blob addresses; classic script, runs from file://.
+LOADER = """
+(async () => {
+  const unpack = async (id) => {
+    const text = document.getElementById(id).textContent, bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  };
+  const files = JSON.parse(new TextDecoder().decode(await unpack("vitruvian-code"))), urls = {};
+  for (const [name, text] of files) {
+    const linked = text.replace(/(from\\s*)(["'])([^"'\\n]+)\\2/g, (all, from, quote, path) => {
+      const url = urls[path.split("/").pop()] ?? (path === "three" ? urls["three.module.js"] : undefined);
+      return url ? from + quote + url + quote : all;
+    });
+    urls[name.split("/").pop()] = URL.createObjectURL(new Blob([linked], { type: "text/javascript" }));
+  }
+  const page = await import(urls["main.js"]);
+  await page.start({ recording: await unpack("vitruvian-clip") });
+})().catch((error) => {
+  document.getElementById("notice").textContent = "This recording can't be played here: " + error.message;
+  throw error;
+});
+"""
+
+
+def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "") -> dict[str, int]:
+    """Write one self-contained HTML file that plays a Clip (or Humanoid, Body, Mesh) without server or network.
+
+    Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The deformer of the
+    clip may be any; for those that the page can't run, vertices are stored frame by frame.
+    """
+    showing = Showing(actors_of([thing]), [finding_fields(f) for f in findings], title)
+    clip = b"".join(_framed(m) for m in messages(showing))
+    code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
+    html = (FOLDER / "index.html").read_text("utf-8")
+    html = _replace(html, r"<script type=\"importmap\">.*?</script>\s*", "")
+    style = (FOLDER / "style.css").read_text("utf-8")
+    html = _replace(html, r"<link rel=\"stylesheet\"[^>]*>", lambda _: f"<style>\n{style}</style>")
+    policy = (
+        "default-src 'none'; script-src 'unsafe-inline' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
+        "connect-src 'none'; base-uri 'none'; form-action 'none'"
+    )
+    html = _replace(
+        html, r"<meta charset=\"utf-8\">", f'\\g<0>\n<meta http-equiv="Content-Security-Policy" content="{policy}">'
+    )
+    html = _replace(html, r"<title>.*?</title>", lambda _: f"<title>{escape(showing.title)}</title>")
+    data = "\n".join(
+        f'<script type="application/octet-stream" id="{name}">{_packed(part)}</script>'
+        for name, part in (("vitruvian-code", _json(code)), ("vitruvian-clip", clip))
+    )
+    licence = (FOLDER / "vendor" / "LICENSE-three.txt").read_text("utf-8")
+    notice = f"<!-- three.js, inside this file, is distributed under this licence:\n{licence}-->"
+    script = f"{notice}\n{data}\n<script>{LOADER}</script>"
+    html = _replace(html, r"<script type=\"module\"[^>]*></script>", lambda _: script)
+    blob = html.encode()
+    from vitruvian.formats.atomic import atomic
+
+    with atomic(path) as temporary:
+        Path(temporary).write_bytes(blob)
+    return {"bytes": len(blob), "frames": showing.frames}
+
+
+def messages(showing: Showing) -> list[bytes]:
+    """Every message of a recording: hello, meshes, then one frame message per frame, each complete in itself."""
+    stored = [name for name in showing.deformers.values() if name in SERVED]
+    out = [showing.hello([*PAGE, *dict.fromkeys(stored)]), *showing.meshes]
+    size = 0
+    for n in range(showing.frames):
+        blocks: list[Block] = []
+        for actor in showing.actors:
+            i = min(round(n / showing.fps * actor.fps), len(actor) - 1)
+            pose, weights = actor.poses[i], actor.weights[i]
+            blocks += pose_blocks(actor, pose, weights)
+            if showing.deformers.get(actor.name) in SERVED:
+                blocks += showing._served(actor, showing.deformers[actor.name], pose, weights)
+        fields = {"seq": 0, "tick": n, "t": n / showing.fps, "frame": n, "round": 0}
+        out.append(encode("frame", fields | {"deformers": showing.deformers}, blocks))
+        size += len(out[-1])
+        if size > LIMIT:
+            raise VitruvianError(f"record: {showing.frames} frames are too many for one page; cut the clip shorter")
+    return out
+
+
+def _framed(message: bytes) -> bytes:
+    return struct.pack("<II", len(message), 0) + message + bytes(-len(message) % 8)
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+def _json(value: object) -> bytes:
+    import json
+
+    return json.dumps(value, ensure_ascii=False).encode()
+
+
+def _replace(html: str, pattern: str, by: object) -> str:
+    out, n = re.subn(pattern, by, html, count=1, flags=re.S)  # type: ignore[call-overload]
+    if n != 1:
+        raise VitruvianError(f"record: the page has no {pattern}")
+    return out
+
+
+def _ordered() -> list[str]:
+    """Modules such that each comes after those that it imports."""
+    base = {name.rsplit("/", 1)[-1]: name for name in MODULES}
+    out: list[str] = []
+
+    def visit(name: str) -> None:
+        if name in out:
+            return
+        text = (FOLDER / name).read_text("utf-8")
+        for path in re.findall(r"^(?:import|export|\})[^;]*?from\s*[\"']([^\"'\n]+)[\"']", text, re.M):
+            leaf = "three.module.js" if path == "three" else path.rsplit("/", 1)[-1]
+            if leaf in base and base[leaf] != name:
+                visit(base[leaf])
+        out.append(name)
+
+    visit("main.js")
+    return out
