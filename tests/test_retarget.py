@@ -358,6 +358,8 @@ def test_captured_clips(shared, name):
         for joint in ("elbow", "radiocarpal"):
             angle = np.degrees(twist(out.rotation[:, index[f"{side}_{joint}"]], axis))
             assert np.abs(angle).max() < 100, (side, joint)
+        thumb = out.rotation[:, index[f"{side}_carpometacarpal_1"]]
+        assert np.abs(thumb - thumb[0]).max() < 1e-6  # the clip's thumbs flip by half turns, so they are left alone
     source_world = world_rotations(clip.skeleton.parents, clip.rotation)
     face = rotate(turn[:, index["skullbase"]], [0, 0, 1])
     his = rotate(source_world[:, clip.skeleton.index["Head"]], [0, 0, 1])
