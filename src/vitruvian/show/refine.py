@@ -41,7 +41,7 @@ def _coarse(surface: Surface, camera: Camera, size: tuple[int, int]) -> NDArray[
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     border = 0.05 * max(size)
     with np.errstate(invalid="ignore"):  # NaN, behind the camera, is not near
-        near = (high > -border).all(axis=1) & (low < np.array(size) + border).all(axis=1)
+        near = np.asarray((high > -border).all(axis=1) & (low < np.array(size) + border).all(axis=1))
     near &= (depth > 0)[surface.triangles].all(axis=1)
     if not near.any():
         return near
