@@ -82,8 +82,7 @@ def scrub(page, frame):
     page.get_by_test_id("timeline").evaluate(
         "(e, n) => { e.value = n; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }", frame
     )
-    wait(page, f"vitruvian.frame === {frame} && !vitruvian.playing")
-    page.wait_for_timeout(60)
+    wait(page, f"Math.abs(vitruvian.time * 30 - {frame}) < 1e-6 && !vitruvian.playing")
 
 
 def slide(page, name, value):
