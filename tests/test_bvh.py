@@ -112,7 +112,9 @@ def test_z_up_becomes_y_up(tmp_path):
     assert motion.skeleton.centers[2] == pytest.approx([0, 1.5, 0])
     assert motion.skeleton.site_points[1] == pytest.approx([0.1, 0, 0.15])
     # ten degrees about the file's X are ten degrees about ours, which is the same axis
-    assert rotate(motion.rotation[0, 0], [0, 1, 0]) == pytest.approx([0, np.cos(np.radians(10)), np.sin(np.radians(10))])
+    assert rotate(motion.rotation[0, 0], [0, 1, 0]) == pytest.approx(
+        [0, np.cos(np.radians(10)), np.sin(np.radians(10))]
+    )
     forced = read_bvh(write(tmp_path, text), up="z", unit="mm")
     assert forced.skeleton.centers[2] == pytest.approx([0, 0.15, 0])
     assert "as asked for" in forced.notes[0]
@@ -149,7 +151,11 @@ BAD = {
     "frame count": (PERSON.replace("Frames: 2", "Frames: -2"), 31, "frame count"),
     "frame time": (PERSON.replace("0.033333", "0"), 32, "frame time"),
     "channel": (PERSON.replace("1 Yrotation", "1 Wrotation"), 13, "Wrotation"),
-    "channel twice": (PERSON.replace("3 Zrotation Xrotation Yrotation", "3 Zrotation Zrotation Yrotation"), 9, "different"),
+    "channel twice": (
+        PERSON.replace("3 Zrotation Xrotation Yrotation", "3 Zrotation Zrotation Yrotation"),
+        9,
+        "different",
+    ),
     "channel count": (PERSON.replace("1 Yrotation", "2 Yrotation"), 13, "count"),
     "name twice": (PERSON.replace("JOINT Head", "JOINT Spine"), 10, "twice"),
     "second root": (PERSON.replace("MOTION", "ROOT Other\n{\nOFFSET 0 0 0\n}\nMOTION"), 30, "second ROOT"),

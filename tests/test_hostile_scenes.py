@@ -23,6 +23,7 @@ from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.vrml_writer import print_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
 from vitruvian.formats.x3d_writer import print_x3d
+from vitruvian.hanim.compare import difference
 from vitruvian.hanim.fields import type_of
 from vitruvian.hanim.graph import Literal, Scene
 from vitruvian.hanim.values import parse
@@ -91,7 +92,10 @@ def survives(parser: Callable, data: bytes) -> bool:
             assert str(error).startswith("t")
             return False
         everything(scene)
-    assert time.process_time() - start < 2
+        text, lost = print_x3d(scene) if parser is parse_x3d else print_vrml(scene)
+        if not lost:
+            assert difference(scene, parser(text.encode(), "t")) == ""
+    assert time.process_time() - start < 3
     return True
 
 

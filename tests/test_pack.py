@@ -33,9 +33,8 @@ def figure():
     )
     root = Joint("humanoid_root", joints=[wrist], skin_coord_index=np.array([0, 1]), skin_coord_weight=vec(1, 0.75))
     skin = Shape("face", np.array([[0, 1, 2]]), uv=np.array([[0, 0], [1, 0], [0, 1.0]]), colors=np.eye(3))
-    return Humanoid(
-        "joe", skeleton=[root], skin=[skin], skin_coord=np.arange(9.0).reshape(3, 3), translation=vec(5, 0, 0)
-    )
+    grid = np.arange(9.0).reshape(3, 3)
+    return Humanoid("joe", skeleton=[root], skin=[skin], skin_coord=grid, translation=vec(5, 0, 0))
 
 
 def test_skin_first_then_segments_each_rigid():

@@ -342,8 +342,31 @@ def test_a_long_clip_of_a_full_skeleton_stays_below_20_megabytes(tmp_path):
     assert made["bytes"] < 20e6
 
 
-def test_twenty_thousand_vertices_play_at_thirty_frames_a_second(browser, tmp_path):
-    record(capsule_clip(joints=146, vertices=21_500), tmp_path / "clip.html")
+def walking_person() -> Clip:
+    import vitruvian as vt
+
+    humanoid = vt.person()
+    body = vt.pack(humanoid)
+    return Clip(humanoid, body, vt.walk(body.skeleton))
+
+
+def test_the_built_in_person_fits_into_four_megabytes_and_shows_its_face(browser, tmp_path):
+    made = record(walking_person(), tmp_path / "person.html")
+    print(f"the built-in person walking: {made['bytes'] / 1e6:.1f} MB")
+    assert made["bytes"] < 4e6
+    with opened(browser, (tmp_path / "person.html").as_uri(), (480, 480)) as page:
+        pause(page)
+        page.keyboard.press("4")
+        page.wait_for_timeout(900)
+        x, y = page.evaluate("vitruvian.screen('skullbase')")
+        assert 120 < x < 360 and 120 < y < 420
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: capsule_clip(joints=146, vertices=21_500), walking_person], ids=["20k", "person"]
+)
+def test_a_full_figure_plays_at_thirty_frames_a_second(browser, tmp_path, make):
+    record(make(), tmp_path / "clip.html")
     with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
         page.wait_for_timeout(4000)
         rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")

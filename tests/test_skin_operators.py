@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import skins
 
+import skins
 from vitruvian import VitruvianError, VitruvianWarning
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.types import Morph, Skin, Weights
@@ -365,9 +365,7 @@ def test_shapes_single_frames_and_out():
 
 def test_unknown_names_and_options_are_said():
     body = skins.point([1.0])
-    with pytest.raises(
-        VitruvianError, match="linear, dual-quaternion, log, log-pair, log-absolute, hybrid, found 'lbs'"
-    ):
+    with pytest.raises(VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, found 'lbs'"):
         deformer("lbs", body)
     for option in ({"steps": 4}, {"tolerance": 1.0}, {"angle": 4.0}, {"weights": "x"}, {"mix": [2.0]}, {"mix": [0, 1]}):
         with pytest.raises(VitruvianError, match=next(iter(option))):

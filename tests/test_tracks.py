@@ -20,7 +20,9 @@ def same(a, b):
 
 
 def test_meaning_of_hanimmotion():
-    """Degrees, channels in listed order, positions straight to translation, IGNORED consumes, either version's names."""
+    """Degrees, channels in listed order, positions straight to translation, IGNORED consumes, either version's
+    names.
+    """
     data = MotionData(
         "clip",
         ["HumanoidRoot", "IGNORED", "l_ankle", "l_elbow"],

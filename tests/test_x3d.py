@@ -347,7 +347,7 @@ def test_writing_is_all_or_nothing(tmp_path: Path) -> None:
         write_x3d(bad, target)
     assert target.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["out.x3d"]
-    with pytest.raises(FileError, match="can't be written"):
+    with pytest.raises(VitruvianError, match="does not exist"):
         write_x3d(scene_of("<Group/>"), tmp_path / "nowhere" / "out.x3d")
 
 

@@ -8,6 +8,17 @@
 #include <immintrin.h>
 #endif
 
+#if defined(__GNUC__) || defined(__clang__)
+#define VT_INLINE inline __attribute__((always_inline))
+#else
+#define VT_INLINE inline
+#endif
+#if defined(__GNUC__) && !defined(__clang__)
+#define VT_UNROLL _Pragma("GCC unroll 8")
+#else
+#define VT_UNROLL
+#endif
+
 namespace vt::VT_NS {
 
 #if defined(__GNUC__) || defined(__clang__)

@@ -192,6 +192,8 @@ void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> ag
     check(rest.shape(0) == groups && joint.shape(0) == groups && joint.shape(2) == 8, "bucket does not fit together");
     check(joint.size() == weight.size() && (!base || base->size() == groups * 8), "bucket does not fit together");
     check(uniform.size() == groups, "bucket does not fit together");
+    const size_t width = joint.shape(1);
+    check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
     check(!mix || (mix->shape(0) == out.shape(0) && mix->shape(1) == out.shape(1)), "mix does not fit");
     const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target),

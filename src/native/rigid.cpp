@@ -17,7 +17,7 @@ struct Dual {
     f8 v[8];  // x y z w, then the dual part
 };
 
-inline f8 dot(const f8* a, const f8* b) { return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]); }
+VT_INLINE f8 dot(const f8* a, const f8* b) { return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]); }
 
 // The rows of eight vertices by columns; with U all eight have the row of the first.
 template <bool U>
@@ -60,19 +60,21 @@ inline Dual sum_rows(const float* table, const int32_t* joint, const float* weig
 // f(c) = acos(c) / sqrt(1 - c^2) and its derivative, for c > -1. Least maximal error polynomials on 0.6..1 (2e-8 and
 // 8e-8); below, the half angle twice: with h = sqrt((1 + c) / 2), f(c) = f(h) / h.
 // Above 0.9 (within 50 degrees of the mean, nearly always) fewer terms do.
-inline f8 near_f(f8 d) {
+VT_INLINE f8 near_f(f8 d) {
     return 0.999999978f +
            d * (0.333337117f + d * (0.133226849f + d * (0.0582286177f + d * (0.0205011702f + d * 0.0211345885f))));
 }
-inline f8 near_slope(f8 d) {
+VT_INLINE f8 near_slope(f8 d) {
     return -0.333333281f -
            d * (0.266679058f + d * (0.171062419f + d * (0.1053815f + d * (0.0405607865f + d * 0.0652510561f))));
 }
-inline void angle_over_sine(f8 c, f8& f, f8& slope) {
+VT_INLINE f8 close_f(f8 d) { return 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f))); }
+VT_INLINE f8 close_slope(f8 d) { return -0.333333300f + d * (-0.26668142f + d * (-0.17065555f + d * -0.11392895f)); }
+VT_INLINE void angle_over_sine(f8 c, f8& f, f8& slope) {
     const f8 d = 1.0f - c;
     if (!any_below(c, 0.9f)) {
-        f = 0.999999978f + d * (0.333340382f + d * (0.132985746f + d * (0.0625745787f)));
-        slope = -0.333333300f + d * (-0.26668142f + d * (-0.17065555f + d * -0.11392895f));
+        f = close_f(d);
+        slope = close_slope(d);
         return;
     }
     f = near_f(d);
@@ -88,7 +90,7 @@ inline void angle_over_sine(f8 c, f8& f, f8& slope) {
 
 // cos sqrt(n), sin sqrt(n) / sqrt(n) and the derivative of the latter, n in 0..10 (Taylor; 1e-9 at the n = 2.5 of a
 // half turn's half angle).
-inline void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
+VT_INLINE void cosine_sine(f8 n, f8& c, f8& s, f8& slope) {
     if (!any_below(0.02f - n, 0.0f)) {
         c = 1.0f + n * (-1.0f / 2 + n * (1.0f / 24));
         s = 1.0f + n * (-1.0f / 6 + n * (1.0f / 120));
@@ -141,6 +143,33 @@ inline void choose_signs(const float* table, const int32_t* joint, const float* 
         sign[k] = where_negative(dot(gather<false>(table, joint + k * 8).v, best.v), all(-1.0f), all(1.0f));
 }
 
+// Products of the dual quaternions of a group whose eight vertices have the same K joints: q_j . q_k, and its dual part.
+template <int K>
+struct Gram {
+    int32_t joint[K];
+    bool known = false;
+    float real[K][K], dual[K][K];
+
+    void learn(const float* table, const int32_t* index) {
+        bool same = known;
+        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k * 8];
+        if (same) return;
+        known = true;
+        for (int k = 0; k < K; ++k) joint[k] = index[k * 8];
+        for (int j = 0; j < K; ++j)
+            for (int k = j; k < K; ++k) {
+                const float *p = table + joint[j], *q = table + joint[k];
+                float a = 0, b = 0;
+                for (int c = 0; c < 4; ++c) {
+                    a += p[c] * q[c];
+                    b += p[c] * q[4 + c] + p[4 + c] * q[c];
+                }
+                real[j][k] = real[k][j] = a;
+                dual[j][k] = dual[k][j] = b;
+            }
+    }
+};
+
 const int kBatch = 4;  // groups that go through each phase before the next one: their chains of arithmetic overlap
 
 // What is worked out about one group of eight vertices. Phases are short so that everything stays in registers.
@@ -148,8 +177,9 @@ template <int K>
 struct Work {
     const int32_t* joint;
     const float* weight;
-    int n;
+    static constexpr int n = K;
     bool uniform;
+    bool quick = false;  // `weigh` has done it
     Dual a, b;
     f8 real[K], dual[K];  // weights of the second blend: w f and w f' c'
     f8 sign[K];
@@ -180,7 +210,7 @@ struct Work {
     // Weights of the second blend.
     template <bool U>
     void compare(const float* table, bool flip) {
-        for (int k = 0; k < n; ++k) {
+        VT_UNROLL for (int k = 0; k < n; ++k) {
             const Dual q = influence<U>(table, k);
             f8 w = load8(weight + k * 8), c = dot(a.v, q.v), c_dual = dot(a.v, q.v + 4) + dot(a.v + 4, q.v);
             if (flip) {
@@ -195,10 +225,57 @@ struct Work {
         }
     }
 
+    // Blend and one step in terms of weights alone: A, c, s and B are sums of the q_k, so A exp(.) is one blend with dual
+    // weights, found from the products of the q_k. It is normalised as a whole, A (s' - s) + B with s' = 1 for
+    // sqrt(n) / tan sqrt(n), which is right to n sqrt(n) / 3: hence only where the blend is nearly as long as its parts
+    // (joints within about 45 degrees), else false.
+    bool weigh(const Gram<K>& gram) {
+        f8 w[K], y[K], z[K], n = all(0.0f), m = all(0.0f);
+        VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            y[k] = w[0] * gram.real[0][k];
+            z[k] = w[0] * gram.dual[0][k];
+            VT_UNROLL for (int j = 1; j < K; ++j) {
+                y[k] += w[j] * gram.real[j][k];
+                z[k] += w[j] * gram.dual[j][k];
+            }
+            n += w[k] * y[k];
+            m += w[k] * z[k];
+        }
+        const f8 r = 1.0f / root(n), h = 0.5f * m * r * r;  // of the blend: 1 / length, and the dual part of its log
+        f8 s = all(0.0f), s_dual = all(0.0f), least = n - 0.06f;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            y[k] = r * y[k];
+            least = where_negative(y[k] - least, y[k], least);
+        }
+        if (any_below(least, 0.9f)) return false;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            const f8 c = y[k], c_dual = r * z[k] - c * h, d = 1.0f - c;
+            const f8 f = w[k] * close_f(d), g = w[k] * close_slope(d) * c_dual;
+            real[k] = f;
+            dual[k] = g;
+            s += f * c;
+            s_dual += f * c_dual + g * c;
+        }
+        const f8 more = (1.0f - s) * r, more_dual = 0.0f - r * s_dual - more * h;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            real[k] += w[k] * more;
+            dual[k] += w[k] * more_dual;
+        }
+        return true;
+    }
+
+    // What `weigh` has prepared, made one long; its length is 1 to a few thousandths.
+    void blend_weighed(const float* table) {
+        blend_again<true>(table);
+        const f8 m = dot(b.v, b.v) - 1.0f, scale = 1.0f - m * (0.5f - 0.375f * m);
+        for (int c = 0; c < 8; ++c) a.v[c] = b.v[c] * scale;
+    }
+
     template <bool U>
     void blend_again(const float* table) {
         Dual s;
-        for (int k = 0; k < n; ++k) {
+        VT_UNROLL for (int k = 0; k < n; ++k) {
             const Dual q = influence<U>(table, k);
             for (int c = 0; c < 4; ++c) s.v[c] = k ? s.v[c] + real[k] * q.v[c] : real[k] * q.v[c];
             for (int c = 0; c < 4; ++c) {
@@ -285,7 +362,7 @@ inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 mo
 }
 
 // p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part.
-inline void move(const Dual& a, const float* rest, f8 out[3]) {
+VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
     const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7];
     const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
     f8 c[3];
@@ -332,7 +409,8 @@ inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t
 
 // Up to kBatch groups, whose first vertices are `place`, in frame f.
 template <int K>
-void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
+void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last,
+                 Gram<K>& gram) {
     const float* table = job.table + f * job.rows * 8;
     const bool flip = job.agree && !job.agree[f];
     const int steps = K == 1 ? 0 : job.steps;
@@ -341,33 +419,42 @@ void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int
         Work<K>& w = work[g];
         w.joint = bucket.joint + place[g] * K;
         w.weight = bucket.weight + place[g] * K;
-        w.n = K;
         w.uniform = bucket.uniform[place[g] / 8];
-        if (K == 1)
+        if ((K == 2 || K == 4) && w.uniform && steps == 1 && !flip) {
+            gram.learn(table, w.joint);
+            w.quick = w.weigh(gram);
+        }
+    }
+    for (int g = 0; g < groups; ++g) {
+        Work<K>& w = work[g];
+        if (w.quick)
+            w.blend_weighed(table);
+        else if (K == 1)
             w.a = gather<false>(table, w.joint);
         else if (w.uniform)
             w.template blend<true>(table, flip, steps > 0);
         else
             w.template blend<false>(table, flip, steps > 0);
     }
-    if (K > 1)
-        for (int g = 0; g < groups; ++g) normalise(work[g].a, table, work[g].joint, work[g].weight, K);
+    for (int g = 0; g < groups && K > 1; ++g)
+        if (!work[g].quick) normalise(work[g].a, table, work[g].joint, work[g].weight, K);
     for (int step = 0; step < steps; ++step) {
-        if (step == 0)
-            for (int g = 0; g < groups; ++g) perpendicular(work[g].a);
         for (int g = 0; g < groups; ++g) {
+            if (work[g].quick) continue;
+            if (step == 0) perpendicular(work[g].a);
             if (work[g].uniform)
                 work[g].template compare<true>(table, flip);
             else
                 work[g].template compare<false>(table, flip);
         }
         for (int g = 0; g < groups; ++g) {
+            if (work[g].quick) continue;
             if (work[g].uniform)
                 work[g].template blend_again<true>(table);
             else
                 work[g].template blend_again<false>(table);
+            work[g].advance();
         }
-        for (int g = 0; g < groups; ++g) work[g].advance();
     }
     for (int g = 0; g < groups; ++g) finish(bucket, job, f, place[g], last, work[g].a);
 }
@@ -392,6 +479,7 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
     for (int64_t f = 0; f < job.frames; ++f) {
         const float* mix = job.mix ? job.mix + f * job.vertices : nullptr;
         int64_t place[kBatch];
+        Gram<K> gram;
         int groups = 0;
         for (int64_t p = first; p < last; p += 8) {
             if (!(mix && unwanted(bucket, p, last, mix))) place[groups++] = p;
@@ -399,14 +487,14 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
             if (job.twists)
                 twist_batch<K>(bucket, job, f, place, groups, last);
             else
-                blend_batch<K>(bucket, job, f, place, groups, last);
+                blend_batch<K>(bucket, job, f, place, groups, last, gram);
             groups = 0;
         }
         if (!groups) continue;
         if (job.twists)
             twist_batch<K>(bucket, job, f, place, groups, last);
         else
-            blend_batch<K>(bucket, job, f, place, groups, last);
+            blend_batch<K>(bucket, job, f, place, groups, last, gram);
     }
 }
 
@@ -420,7 +508,8 @@ void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& jo
         case 4: return run<4>(bucket, first, last, job);
         case 8: return run<8>(bucket, first, last, job);
         case 16: return run<16>(bucket, first, last, job);
-        default: return run<64>(bucket, first, last, job);  // up to 64, see lane_buckets
+        case 64: return run<64>(bucket, first, last, job);
+        default: return;  // lane_buckets makes no others, the binding checks it
     }
 }
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Repair, count, emit
+from vitruvian.cli.output import Json, Repair, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def _humanoid_facts(h: Humanoid) -> dict[str, Any]:
         "loa": h.loa,
         "joints": len(h.joints()),
         "segments": len(segments),
-        "sites": len(h.all_sites()) + len(h.viewpoints),
+        "sites": len({id(s) for s in [*h.all_sites(), *h.viewpoints]}),
         "displacers": len(h.displacers()),
         "motions": len(h.motions) + len({t.timer for t in h.tracks}),
         "vertices": vertices,
@@ -104,13 +104,24 @@ def info(
 @app.command(epilog="Example: vitruvian check body.x3d")
 def check(
     files: list[Path] = typer.Argument(..., help="X3D or VRML files."),
+    out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
     as_json: bool = Json,
 ) -> None:
-    """Say what is wrong in H-Anim files, where, and what to do about it. Exit status 1 when there are errors."""
+    """Say what is wrong in H-Anim files, where, and what to do about it. Exit status 1 when there are errors.
+
+    With --fix the answer is about the repaired file.
+    """
     from dataclasses import asdict
 
     from vitruvian.formats.registry import check as examine
+    from vitruvian.formats.registry import fix
 
+    if out is not None:
+        if len(files) != 1:
+            raise VitruvianError(f"--fix: expected one file to repair, found {len(files)}")
+        for line in fix(files[0], out):
+            say(line)
+        files = [out]
     documents, lines = [], []
     for file in files:
         findings = examine(file)

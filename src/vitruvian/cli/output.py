@@ -31,10 +31,10 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar on stderr when somebody watches; answers a callable (done, total, text)."""
+def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr when somebody watches; answers a callable (done, total)."""
     if not sys.stderr.isatty():
-        yield lambda done, total, text="": None
+        yield lambda done, total: None
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -42,8 +42,8 @@ def progress(title: str) -> Iterator[Callable[[int, int, str], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
 
-        def update(done: int, total: int, text: str = "") -> None:
-            bar.update(task, completed=done, total=total, description=text or title)
+        def update(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
 
         yield update
 

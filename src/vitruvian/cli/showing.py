@@ -42,10 +42,22 @@ def view(
     as_json: bool = Json,
 ) -> None:
     """Show files in the browser, until Ctrl-C."""
+    import sys
+    import threading
+    from contextlib import suppress
+
+    from vitruvian.formats import registry
     from vitruvian.show.live import show
 
     things = [_shown(f) for f in files]
-    show(*things, open_browser=not no_open, announce=lambda url: emit({"address": url}, url, as_json))
+    scenes = [f for f in files if registry.extension(Path(f)) in registry.SCENES]
+    findings = [finding for f in scenes for finding in registry.check(f)]
+    window = show(*things, open_browser=not no_open, block=False, findings=findings)
+    assert window is not None
+    with window, suppress(KeyboardInterrupt):
+        emit({"address": window.url}, f"{window.url}  (Ctrl-C ends it)", as_json)
+        sys.stdout.flush()
+        threading.Event().wait()
 
 
 @app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")
@@ -86,12 +98,14 @@ def bench(
     """Measure this package against peers in one run and print ratios. Run it in a checkout of the project."""
     import os
     import platform
+    import sys
     from importlib.util import module_from_spec, spec_from_file_location
 
     folder = Path.cwd() / "benchmarks"
     known = sorted(p.stem for p in folder.glob("[a-z]*.py"))
     if not known:
         raise VitruvianError(f"{folder}: no benchmarks here; run this in a checkout of the project")
+    sys.path.insert(0, str(folder))  # benchmarks share pieces
     rows: list[dict[str, Any]] = []
     for name in names or known:
         if name not in known:

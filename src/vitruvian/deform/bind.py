@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 RULES = ("as_file", "normalise")
 MATRIX, DUAL = 16, 8  # floats per joint in the tables of the linear and of the rigid kernels
+WIDTHS = (1, 2, 4, 8, 16, 64)  # influences that the kernels of rigid operators are compiled for
 LANES = 8  # vertices that the kernels of rigid operators work on at once
 
 
@@ -198,15 +199,20 @@ def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
 
 
 def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
-    """Every vertex in one bucket of width 1, 2, 4, 8, 16, ..., for the kernels of rigid operators."""
+    """Every vertex in one bucket of a width in `WIDTHS`, for the kernels of rigid operators.
+
+    Raises VitruvianError for a vertex with more influences than the largest width.
+    """
     most = int(rows.counts.max(initial=0))
+    found = f"{most} on vertex {int(rows.counts.argmax()) if most else 0}"
+    require(most <= WIDTHS[-1], "weights", f"at most {WIDTHS[-1]} joints per vertex (linear takes any number)", found)
     out = []
-    low, width = -1, 1
-    while low < most:
+    low = -1
+    for width in WIDTHS:
         chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= width)).astype(np.int32)
+        low = width
         if len(chosen):
             out.append(_lane_bucket(rows, rest, chosen, width))
-        low, width = width, width * 2
     return tuple(out)
 
 

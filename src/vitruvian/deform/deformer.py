@@ -169,8 +169,8 @@ class Deformer:
     def _frames(self, matrices: Floats) -> tuple[Floats, bool]:
         joints = len(self.body.skeleton)
         m = np.ascontiguousarray(matrices, dtype=np.float64)
-        fits = m.ndim in (3, 4) and m.shape[-3:] == (joints, 4, 4)
-        require(fits, "matrices", f"shape (F, {joints}, 4, 4) or ({joints}, 4, 4)", m.shape)
+        if m.ndim not in (3, 4) or m.shape[-3:] != (joints, 4, 4):
+            require(False, "matrices", f"shape (F, {joints}, 4, 4) or ({joints}, 4, 4)", m.shape)
         return (m[None], True) if m.ndim == 3 else (m, False)
 
     @staticmethod
@@ -178,6 +178,6 @@ class Deformer:
         shape = shape[1:] if single else shape
         if out is None:
             return np.empty(shape, np.float32)
-        fits = out.shape == shape and out.dtype == np.float32 and out.flags.c_contiguous
-        require(fits, "out", f"float32, C-contiguous, shape {shape}", f"{out.dtype} {out.shape}")
+        if out.shape != shape or out.dtype != np.float32 or not out.flags.c_contiguous:
+            require(False, "out", f"float32, C-contiguous, shape {shape}", f"{out.dtype} {out.shape}")
         return out

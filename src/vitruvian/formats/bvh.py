@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from vitruvian.body.rotations import from_euler, from_vector, inverse, multiply, rotate, to_euler
-from vitruvian.body.types import Floats, Skeleton
+from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.formats.atomic import atomic
 from vitruvian.motion.names import match
@@ -261,7 +261,10 @@ def _motion(
         rotation = multiply(multiply(turn, rotation), inverse(turn))
         rest, site_points = rotate(turn, rest), rotate(turn, site_points)
         shift = None if shift is None else rotate(turn, shift)
-    moving = shift is not None and bool(np.abs(shift[:, 1:]).max(initial=0.0) > 1e-9)
+    root, moving = np.zeros((len(values), 3)), None
+    if shift is not None:
+        root = shift[:, 0] * scale
+        moving = shift * scale if np.abs(shift[:, 1:]).max(initial=0.0) > 1e-9 else None
     skeleton = Skeleton(
         tuple(names),
         parents,
@@ -274,8 +277,8 @@ def _motion(
         skeleton,
         fps,
         rotation,
-        np.zeros((len(values), 3)) if shift is None else shift[:, 0] * scale,
-        joint_translation=shift * scale if moving else None,  # type: ignore[operator]
+        root,
+        joint_translation=moving,
         name=Path(str(path)).stem,
         notes=(why_unit, why_up),
     )
@@ -330,9 +333,9 @@ def _shifts(joints: list[_Joint], values: Floats, offsets: Floats) -> Floats | N
     return out
 
 
-def _sample(parents: Floats, rest: Floats, rotation: Floats, shift: Floats | None) -> Floats:
+def _sample(parents: Ints, rest: Floats, rotation: Floats, shift: Floats | None) -> Floats:
     """Joint positions (n,J,3) of at most 16 frames spread over the clip."""
-    pick = np.unique(np.linspace(0, len(rotation) - 1, min(16, len(rotation))).astype(int)) if len(rotation) else []
+    pick = np.unique(np.linspace(0, max(len(rotation) - 1, 0), min(16, len(rotation))).astype(int))
     root = np.zeros((len(pick), 3)) if shift is None else shift[pick, 0]
     world = world_rotations(parents, rotation[pick])
     return positions(parents, rest, world, root, None if shift is None else shift[pick])

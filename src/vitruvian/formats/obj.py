@@ -281,8 +281,8 @@ def write_obj(
 ) -> dict[str, Any]:
     """Write a surface as OBJ: vertices with colours, texture coordinates with their seams, a group per part.
 
-    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. The report: `vertices triangles`
-    and `lost`, what OBJ could not carry, one sentence each, which are warnings too.
+    Of a Clip the surface at `time` seconds, of a Body or Humanoid that of its own pose. The report:
+    `vertices triangles` and `lost`, what OBJ could not carry, one sentence each, which are warnings too.
     Raises `VitruvianError` when there is no triangle.
     """
     lost: list[str] = []

@@ -93,7 +93,9 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
 def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: Any) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
-    `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files (default: 2.0 for X3D, 200x for VRML97).
+    `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
+    that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
+    others become 2.0 in X3D and 200x in VRML97.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
     """
     from vitruvian.motion.types import Motion
@@ -162,25 +164,41 @@ def _save_scene(thing: Any, path: Path, extension: str, hanim: str | None) -> li
         humanoid = thing
     else:
         raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
-    encoding = extension[1:]
-    built, lost = scene_of([humanoid], version=hanim or ("200x" if encoding == "wrl" else "2.0"), encoding=encoding)
-    if encoding == "x3d":
+    built, lost = scene_of([humanoid], version=hanim, encoding=extension[1:])
+    write_scene(built, path)
+    return lost
+
+
+def write_scene(graph: Scene, path: str | Path) -> None:
+    """Write a scene graph in its own encoding."""
+    if graph.encoding == "x3d":
         from vitruvian.formats.x3d import write_x3d
 
-        write_x3d(built, path)
+        write_x3d(graph, path)
     else:
         from vitruvian.formats.vrml import write_vrml
 
-        write_vrml(built, path)
-    return lost
+        write_vrml(graph, path)
 
 
 def check(path: str | Path) -> list[Finding]:
     """What is wrong in an H-Anim file and what to do about it. A file that can't be read is a finding."""
-    from vitruvian.hanim.doctor import Finding
     from vitruvian.hanim.doctor import check as examine
+    from vitruvian.hanim.doctor import unreadable
 
     try:
         return examine(scene(path), path)
     except FileError as e:
-        return [Finding("F02", "error", "", e.line, e.what, "")]
+        return [unreadable(e)]
+
+
+def fix(path: str | Path, out: str | Path) -> list[str]:
+    """Repair what has one right repair in an H-Anim file and write it in the same encoding; one line a repair."""
+    from vitruvian.hanim.doctor_fix import mend
+
+    graph = scene(path)
+    done = mend(graph, path)
+    if extension(Path(out)) != f".{graph.encoding}":
+        raise VitruvianError(f"{out}: a repaired file keeps its encoding; expected .{graph.encoding}")
+    write_scene(graph, out)
+    return done

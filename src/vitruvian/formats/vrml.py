@@ -33,9 +33,9 @@ from vitruvian.hanim.values import parse
 
 __all__ = ["parse_vrml", "read_vrml", "write_vrml"]
 
-_HEADER = re.compile(r"#(VRML|X3D) V(\d+\.\d+) (utf8|ascii)[ \t]*([^\n]*)")
-_COMPONENT = re.compile(r"([^\s:,#]+)\s*:\s*(\d+)")
-_EMPTY_LIST = re.compile(r"\[(?:[\s,]++|#[^\n]*+)*+\]")
+_HEADER = re.compile(r"#(VRML|X3D) V([0-9]+\.[0-9]+) (utf8|ascii)[ \t]*([^\n]*)")
+_COMPONENT = re.compile(r'([^\s:,#"\[\]{}]+)\s*:\s*([0-9]+)', re.ASCII)
+_EMPTY_LIST = re.compile(r"\[(?:[\s,]++|#[^\n]*+)*+\]", re.ASCII)
 _RESERVED = frozenset(("ROUTE", "PROTO", "EXTERNPROTO", "IMPORT", "EXPORT", *ACCESS))
 _NESTED = ("ROUTE", "PROTO", "EXTERNPROTO", "IMPORT", "EXPORT")
 

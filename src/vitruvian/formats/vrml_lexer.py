@@ -13,18 +13,18 @@ from vitruvian.errors import FileError
 
 _GAP = r"(?:[\s,]++|#[^\n]*+)*+"
 _VALUE = r'(?:[-+.0-9][-+.\w]*+|"(?:[^"\\]|\\.)*+"|(?:TRUE|FALSE|true|false|NULL)(?![^\s"#,.\[\]{}]))'
-_BLANK = re.compile(r"[\s,]*+")
+_BLANK = re.compile(r"[\s,]*+", re.ASCII)
 _COMMENT = re.compile(r"#([^\n]*+)")
 _PUNCTUATION = "{}[]."
-_WORD = re.compile(r'[^\s"#,.\[\]{}]++')
-_NAME = re.compile(r'[^\s"#,\[\]{}]++')
-_STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
-_RUN = re.compile(f"{_VALUE}(?:{_GAP}{_VALUE})*+", re.DOTALL)
-_PLAIN_LIST = re.compile(r"\[[-+.,\s0-9eE]*+\]")
-_LIST_BODY = re.compile(rf"\[(?:{_GAP}{_VALUE})*+{_GAP}", re.DOTALL)
+_WORD = re.compile(r'[^\s"#,.\[\]{}]++', re.ASCII)
+_NAME = re.compile(r'[^\s"#,\[\]{}]++', re.ASCII)
+_STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL | re.ASCII)
+_RUN = re.compile(f"{_VALUE}(?:{_GAP}{_VALUE})*+", re.DOTALL | re.ASCII)
+_PLAIN_LIST = re.compile(r"\[[-+.,\s0-9eE]*+\]", re.ASCII)
+_LIST_BODY = re.compile(rf"\[(?:{_GAP}{_VALUE})*+{_GAP}", re.DOTALL | re.ASCII)
 _SIMPLE_FIELD = re.compile(
     rf"""[\s,]*+([^\s"#,.\[\]{{}}]++)[\s,]*+(\[[\s,]*+[-+.0-9][-+.,\s0-9eE]*+\]|{_VALUE}(?:{_GAP}{_VALUE})*+)""",
-    re.DOTALL,
+    re.DOTALL | re.ASCII,
 )
 _LEGAL = re.compile(r"""[^\x00-\x20"#'+,.0-9\[\\\]{}\x7f-][^\x00-\x20"#',.\[\\\]{}\x7f]*""")
 KEYWORDS = frozenset(
@@ -109,9 +109,10 @@ class Lexer:
 
     def end(self, what: str) -> tuple[str, str]:
         """One end of a ROUTE: node.field."""
-        node, dot, field = self.name(what).rpartition(".")
-        if not dot:
-            raise self.fail(f"expected {what} as NODE.FIELD, found {field!r}")
+        text = self.name(what)
+        node, _, field = text.rpartition(".")
+        if not node or not field:
+            raise self.fail(f"expected {what} as NODE.FIELD, found {text!r}")
         return node, field
 
     def string(self, what: str) -> str:
@@ -143,7 +144,7 @@ class Lexer:
                 assert match is not None
                 end = match.end()
                 if text[end : end + 1] != "]":
-                    inner = re.compile(_GAP).match(text, place + 1).end()  # type: ignore[union-attr]
+                    inner = re.compile(_GAP, re.ASCII).match(text, place + 1).end()  # type: ignore[union-attr]
                     if inner == end and end < len(text) and text[end] not in '"[{}.':
                         return None  # a list of nodes
                     self.place = end

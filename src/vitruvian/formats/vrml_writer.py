@@ -10,7 +10,7 @@ from vitruvian.formats.atomic import atomic
 from vitruvian.formats.printer import Printer, Step, run
 from vitruvian.formats.scopes import in_sight
 from vitruvian.formats.vrml_lexer import legal_name
-from vitruvian.hanim.fields import native, type_of
+from vitruvian.hanim.fields import fields_of, native, type_of
 from vitruvian.hanim.graph import (
     Comment,
     Export,
@@ -26,8 +26,9 @@ from vitruvian.hanim.graph import (
 )
 from vitruvian.hanim.values import default_of, parse, quote, text_of
 
-_READABLE = re.compile(r'[^\s"#,\[\]{}]+')
+_READABLE = re.compile(r'[^\s"#,\[\]{}]+', re.ASCII)
 _ILLEGAL = re.compile(r"""[\x00-\x20"#',.\[\\\]{}\x7f]""")
+_VERSION = re.compile(r"[0-9]+\.[0-9]+")
 _WORDS_97 = {
     "inputOnly": "eventIn",
     "outputOnly": "eventOut",
@@ -49,8 +50,8 @@ def write_vrml(scene: Scene, path: str | os.PathLike[str]) -> list[str]:
 
     A scene that was read from XML is written in the language of the path's extension (.wrl: VRML97, else Classic X3D).
     Returns what the language can't hold (one line each, [] when nothing). The file appears whole or not at all.
-    FileError when the folder isn't writable, VitruvianError when the graph can't be a file (a node inside itself, a
-    number that isn't finite).
+    VitruvianError when the folder isn't writable or when the graph can't be a file (a node inside itself, a number that
+    isn't finite).
     """
     encoding = scene.encoding
     if encoding not in ("wrl", "x3dv"):
@@ -82,7 +83,7 @@ class _VrmlPrinter(Printer):
 
     def comments(self, comments: list[Comment], depth: int) -> None:
         for comment in comments:
-            for text in comment.text.splitlines() or [""]:
+            for text in comment.text.split("\n"):
                 self.line(depth, "#" + text)
 
     def legal(self, name: str) -> str:
@@ -115,7 +116,10 @@ class _VrmlPrinter(Printer):
             self.lines.append("#VRML V2.0 utf8")
         else:
             version = scene.version if scene.encoding != "wrl" else "3.3"
-            self.lines.append(f"#X3D V{version or '3.3'} utf8")
+            if not _VERSION.fullmatch(version):
+                self.lose(f"version {version!r}, written as 3.3")
+                version = "3.3"
+            self.lines.append(f"#X3D V{version} utf8")
         rest = scene.header_comments
         if len(rest) == 1 and rest[0].line == 1 and self.native_names:
             self.lines[0] += " " + rest[0].text
@@ -128,10 +132,14 @@ class _VrmlPrinter(Printer):
                 self.lose(f"UNIT {category} {name} {factor:g}: VRML97 has no units")
             return
         profile = scene.profile or ("Immersive" if scene.encoding != "x3dv" else "")
-        if profile:
+        if profile and self.word(profile, "PROFILE"):
             self.lines.append(f"PROFILE {profile}")
-        self.lines += [f"COMPONENT {name}:{level}" for name, level in scene.components]
-        self.lines += [f"UNIT {category} {name} {factor!r}" for category, name, factor in scene.units]
+        for name, level in scene.components:
+            if self.word(name, "COMPONENT"):
+                self.lines.append(f"COMPONENT {name}:{level}")
+        for category, name, factor in scene.units:
+            if self.word(category, "UNIT") and self.word(name, "UNIT"):
+                self.lines.append(f"UNIT {category} {name} {factor!r}")
         self.lines += [f"META {quote(name)} {quote(content)}" for name, content in scene.metas]
 
     def statements(self, body: list[Statement], outer: Mapping[str, Proto], depth: int) -> Step:
@@ -167,7 +175,8 @@ class _VrmlPrinter(Printer):
             if before:
                 self.line(depth, f"{before}NULL")
             return
-        if self.encoding == "wrl" and node.type not in protos and node.type not in VRML97_NODES and native(node.type):
+        foreign = self.encoding == "wrl" and self.scene.encoding != "wrl"
+        if foreign and node.type not in protos and node.type not in VRML97_NODES and native(node.type):
             self.lose(f"{node.type} is no node of VRML97: kept, but VRML97 browsers don't know it")
         self.begin(node)
         head = f"DEF {self.legal(node.name)} {node.type}" if node.name else node.type
@@ -198,8 +207,10 @@ class _VrmlPrinter(Printer):
                 self.comments(comments.pop(name, []), depth)
                 self.line(depth, f"{self.name(node, name)} IS {outer}")
         fields = node.fields
-        if node.text:
+        if node.text and node.type not in protos and "url" in fields_of(node.type):
             fields = self.with_source(node)
+        elif node.text:
+            self.lose(f"text inside {node.type}: {' '.join(node.text[:40].split())}")
         for name, value in fields.items():
             self.comments(comments.pop(name, []), depth)
             yield from self.field(node, name, value, protos, depth)
@@ -252,7 +263,10 @@ class _VrmlPrinter(Printer):
         self.comments(own.comments, depth)
         if not (self.word(own.name, "field") and self.word(own.type or "", f"type of {own.name}")):
             return
-        access = own.access if own.access in _WORDS_97 else "inputOutput"
+        access = own.access
+        if access not in _WORDS_97:
+            access = "inputOutput"
+            self.lose(f"access {own.access!r} of field {own.name}, written as inputOutput")
         head = f"{_WORDS_97[access] if self.encoding == 'wrl' else access} {own.type} {own.name}"
         value = own.value
         if connected:
@@ -264,7 +278,9 @@ class _VrmlPrinter(Printer):
                 yield from self.nodes(head, [value], protos, depth)
             else:
                 yield self.node(value, f"{head} ", protos, depth)
-        elif isinstance(value, list) and own.type.endswith("Node"):
+        elif isinstance(value, list) and (
+            own.type.endswith("Node") or isinstance(next(iter(value), None), Node | Use | Comment)
+        ):
             yield from self.nodes(head, value, protos, depth)
         else:
             text = None if value is None else self.typed(value, own.type, own.name)

@@ -173,7 +173,7 @@ class _Reader:
         elif kind == _HEAD and tag == "meta":
             scene.metas.append((attributes.get("name", ""), attributes.get("content", "")))
         elif kind == _HEAD and tag == "component":
-            scene.components.append((attributes.get("name", ""), self.number(attributes.get("level", "1"), int)))
+            scene.components.append((attributes.get("name", ""), int(self.number(attributes.get("level", "1"), int))))
         elif kind == _HEAD and tag == "unit":
             factor = self.number(attributes.get("conversionFactor", "1"), float)
             scene.units.append((attributes.get("category", ""), attributes.get("name", ""), factor))
@@ -291,8 +291,8 @@ class _Reader:
         self.node(top, tag, attributes, line, instance=True)
 
     def route(self, top: _Open, tag: str, attributes: dict[str, str], line: int) -> None:
-        ends = (attributes.get(key, "") for key in ("fromNode", "fromField", "toNode", "toField"))
-        self.statement(Route(*ends, line))
+        get = attributes.get
+        self.statement(Route(get("fromNode", ""), get("fromField", ""), get("toNode", ""), get("toField", ""), line))
 
     def import_(self, top: _Open, tag: str, attributes: dict[str, str], line: int) -> None:
         get = attributes.get

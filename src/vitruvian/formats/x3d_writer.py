@@ -33,8 +33,8 @@ _VERSIONS = ("3.0", "3.1", "3.2", "3.3", "4.0")
 def write_x3d(scene: Scene, path: str | os.PathLike[str]) -> list[str]:
     """Write a scene of any encoding as X3D XML; the answer lists what XML can't hold (one line each, [] when nothing).
 
-    The file appears whole or not at all. FileError when the folder isn't writable, VitruvianError when the graph
-    can't be a file (a node inside itself, a number that isn't finite).
+    The file appears whole or not at all. VitruvianError when the folder isn't writable or when the graph can't be a
+    file (a node inside itself, a number that isn't finite).
     """
     text, lost = print_x3d(scene)
     with atomic(path) as temporary:
@@ -153,15 +153,14 @@ class _XmlPrinter(Printer):
 
     def use(self, item: Node | Use, name: str, parent: str, field: str, protos: Mapping, depth: int) -> None:
         node = item.node if isinstance(item, Use) else item
-        instance = node is not None and (node.instance or node.type in protos)
-        tag = "ProtoInstance" if instance else node.type if node else item.type  # type: ignore[union-attr]
-        if isinstance(item, Use) and item.type and not instance:
-            tag = item.type
+        tag, proto = item.type or (node.type if node is not None else ""), None
+        if node is not None and (node.instance or node.type in protos):
+            tag, proto = "ProtoInstance", node.type
         if not tag or not _NAME.fullmatch(tag):
             tag = "Group"
             self.lose(f"USE {name} stands for nothing, so its type is not known; written as a Group")
         container = self.container(item.container, parent, tag, True, field)
-        self.line(depth, f"<{tag}{self.attributes(USE=name)}{container}/>")
+        self.line(depth, f"<{tag}{self.attributes(name=proto, USE=name)}{container}/>")
 
     def container(self, written: str, parent: str, tag: str, use: bool, field: str) -> str:
         """containerField where the file had it or where a reader would otherwise put the node elsewhere."""

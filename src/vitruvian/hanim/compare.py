@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vitruvian.errors import FileError
-from vitruvian.hanim.fields import type_of
+from vitruvian.hanim.fields import fields_of, type_of
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.values import bare, default_of, parse, text_of, translate
 
@@ -80,7 +80,7 @@ def _shallow(where: str, x: object, y: object, protos: Mapping[str, Proto], type
         if typed:  # no value means the type's own default
             one, other = (Literal(default_of(x.type, "vrml"), "vrml") if v is None else v for v in (one, other))
         return found or _value(where, one, other, x.type, protos, typed)
-    if isinstance(x, Comment):
+    if isinstance(x, Comment) and isinstance(y, Comment):
         return "" if typed else _attributes(where, x, y, ["text"]) or []
     return _attributes(where, x, y, [s for s in getattr(x, "__slots__", ()) if s != "line"]) or []
 
@@ -135,7 +135,7 @@ def _fields(node: Node, typed: bool) -> dict[str, object]:
     if not typed:
         return node.fields
     fields = {_RENAMED.get((node.type, name), name): value for name, value in node.fields.items()}
-    if node.text:  # VRML has a Script's program among its urls
+    if node.text and "url" in fields_of(node.type):  # VRML has a Script's program among its urls
         url = fields.get("url")
         fields["url"] = [*(parse(url, "MFString") if isinstance(url, Literal) else url or []), node.text]  # type: ignore[misc]
     return fields
@@ -155,8 +155,10 @@ def _value(
 
 
 def _empty(value: object, kind: str) -> bool:
-    empty = ("", "NULL") if kind else ("", "NULL", '""')
-    return value is None or (isinstance(value, Literal) and bare(value).strip(" \t\n,[]") in empty)
+    if not isinstance(value, Literal):
+        return value is None
+    empty = {"", "NULL"} if kind or value.syntax == "vrml" else {""}  # in XML, NULL of unknown type is a word
+    return bare(value).strip(" \t\n,[]") in (empty if kind else empty | {'""'})
 
 
 def _values(where: str, one: object, other: object, kind: str, typed: bool) -> str:
@@ -180,10 +182,11 @@ def _canonical(value: object, kind: str) -> object:
         return None
     if isinstance(value, Literal):
         if kind:
+            words = bare(value)
             try:
                 value = parse(value, kind)
             except FileError:
-                return " ".join(value.text.split())
+                return " ".join(words.replace(",", " ").split()).strip("[ ]")
         else:
             text = bare(value) if value.syntax == "vrml" else translate(value, "", "vrml") or value.text
             return " ".join(text.replace(",", " ").split()).strip("[ ]")

@@ -110,8 +110,9 @@ def _joints(figure: Figure, taken: set[str]) -> Iterator[str]:
     kind = figure.chart.reading.kind
     listed = _entries(node, "joints")
     targets = [e.node if isinstance(e, Use) else e for e in listed]
-    right = [id(j) for j in figure.joints]
-    if sorted(right) == sorted(id(t) for t in targets) and all(isinstance(e, Use) for e in listed):
+    joints = [(e, t) for e, t in zip(listed, targets) if t is None or kind(t) == "Joint"]
+    right = sorted(id(j) for j in figure.joints)
+    if right == sorted(id(t) for _, t in joints) and all(isinstance(e, Use) for e, _ in joints):
         return
     kept: list[Node | Use] = [e for e, t in zip(listed, targets) if t is not None and kind(t) != "Joint"]
     for joint in figure.joints:

@@ -134,9 +134,9 @@ class Reading:
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
         before = self.repairs
         array = self._numbers(node, field, kind)
-        if array is None:
+        if array is None and self.repairs == before:
             return np.array(default)
-        if self.repairs > before:
+        if array is None or self.repairs > before:
             self.mend(node, field, np.array(default))
             return np.array(default)
         if len(array) != len(default) or not np.isfinite(array).all():
@@ -181,6 +181,8 @@ class Reading:
         before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None:
+            if self.repairs > before:
+                self.mend(node, field, None)
             return np.zeros(0 if width == 1 else (0, width))
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:

@@ -35,7 +35,10 @@ def triangle_joints(humanoid: Humanoid, triangles: NDArray[np.int32]) -> NDArray
 
 
 def segmented(humanoid: Humanoid) -> Humanoid:
-    """A copy without skin: its triangles are Segment geometry, in humanoid space, each point once per segment."""
+    """A copy without skin: its triangles are Segment geometry, in humanoid space, each point once per segment.
+
+    Without a joint there is nothing to hang it on: the skin is dropped.
+    """
     copies: dict[int, Joint] = {}
     for joint in humanoid.joints():
         copies[id(joint)] = replace(
@@ -49,7 +52,7 @@ def segmented(humanoid: Humanoid) -> Humanoid:
     for joint in humanoid.joints():
         copies[id(joint)].joints = [copies[id(j)] for j in joint.joints]
     joints = [copies[id(j)] for j in humanoid.joints()]
-    for shape in humanoid.skin:
+    for shape in humanoid.skin if joints else []:
         owner = triangle_joints(humanoid, shape.triangles)
         source = humanoid.skin_coord if shape.points is None else shape.points
         if shape.points is not None:

@@ -8,6 +8,7 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRM
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import chain
 
@@ -37,7 +38,7 @@ _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
-_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+")
+_NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
 _CHUNK = 1 << 20
 
 
@@ -115,7 +116,7 @@ def _pieces(text: str) -> list[str]:
 def _check_characters(literal: Literal, text: str, path: object) -> None:
     """float() and int() take underscores and digits of other scripts; X3D doesn't."""
     if "_" in text or not text.isascii():
-        bad = next(t for t in text.split() if "_" in t or not t.isascii())
+        bad = next(t for t in re.split(r"[ \t\n\r\f\v]+", text) if "_" in t or not t.isascii())
         raise _malformed(literal, bad, path, "a number")
 
 
@@ -155,7 +156,7 @@ def _floats(literal: Literal, text: str, type: str, path: object) -> object:
     return array if n == 1 else array.reshape(-1, n)
 
 
-def _is_number(token: str, kind: type) -> bool:
+def _is_number(token: str, kind: Callable[[str], object]) -> bool:
     try:
         kind(token)
     except ValueError:
@@ -268,8 +269,10 @@ def shortest(values: NDArray[np.float64]) -> list[str]:
         raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
     texts = _formatted(single, 6)
     for digits in (7, 8, 9):
-        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single) if texts else []
-        if not len(wrong):
+        if not texts:
+            break
+        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single)
+        if not wrong.size:
             break
         for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
             texts[i] = text
@@ -310,10 +313,10 @@ def text_of(value: object, type: str, syntax: str) -> str:
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
         if isinstance(value, str) and type != "MFString":
             return quote(value) if vrml else value.replace("\\", "\\\\")
-        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else value))  # type: ignore[union-attr]
+        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else list(value)))  # type: ignore[call-overload]
         return f"[ {strings} ]" if vrml else strings
-    many = type.startswith("MF") or (not type and (np.ndim(value) > 1 or np.size(value) > 4))
     array = np.asarray(value)
+    many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
         words = ("FALSE", "TRUE") if vrml else ("false", "true")
         rows = [" ".join(words[bool(v)] for v in array.ravel())]

@@ -24,9 +24,9 @@ FLAT = np.array([1.0, 0.0, 1.0])
 class Leg:
     """One leg of a skeleton: joint indices, bone lengths (m) and the sole at rest.
 
-    `toes` are the joints at the ball of the foot (none: the foot is one piece), `front` the one the foot rolls over (else
-    the ankle) and `pivot` (3,) its centre. `heel`, `ball`, `tip` (3,) are points of the sole, all on the floor; heel moves
-    with the ankle, ball and tip with `front`. Points are in humanoid space at rest.
+    `toes` are the joints at the ball of the foot (none: the foot is one piece), `front` the one the foot rolls over
+    (else the ankle) and `pivot` (3,) its centre. `heel`, `ball`, `tip` (3,) are points of the sole, all on the floor;
+    heel moves with the ankle, ball and tip with `front`. Points are in humanoid space at rest.
     """
 
     side: str
@@ -79,8 +79,8 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         points[0][0] = c[ankle][0]
         front = ankle if middle is None else int(middle)
         pivot = points[1] if middle is None else c[front]
-        lengths = np.linalg.norm(c[knee] - c[hip]), np.linalg.norm(c[ankle] - c[knee])
-        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, *points, *(float(v) for v in lengths)))
+        thigh, shank = (float(np.linalg.norm(c[b] - c[a])) for a, b in ((hip, knee), (knee, ankle)))
+        found.append(Leg(side, hip, knee, ankle, toes, front, pivot, points[0], points[1], points[2], thigh, shank))
     return tuple(found if body is None else (_on_skin(leg, body) for leg in found))
 
 
@@ -118,8 +118,8 @@ def standing(
 ) -> NDArray[np.bool_]:
     """(F,) in which frames a point (F,3) stands on the ground.
 
-    It begins to stand below `speed` (m/s) and `height` (m over the lowest point within a second), stops at twice as much
-    of either; rests shorter than `gap` (s) are closed and contacts shorter than `shortest` (s) dropped.
+    It begins to stand below `speed` (m/s) and `height` (m over the lowest point within a second), stops at twice as
+    much of either; rests shorter than `gap` (s) are closed and contacts shorter than `shortest` (s) dropped.
     """
     count = len(points)
     if count < 2:
@@ -169,8 +169,8 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
 def foot_slide_mm(motion: Motion, body: Body | None = None, *, touch: float = 0.005) -> float:
     """How far (mm per frame, largest) a point of a sole moves along the floor while it stands.
 
-    Heel, ball and toe tip count, each when it stays within `touch` (m) of the floor for a tenth of a second or longer; the
-    first and last thirtieth of a second, when it is put down and taken up, do not.
+    Heel, ball and toe tip count, each when it stays within `touch` (m) of the floor for a tenth of a second or longer;
+    the first and last thirtieth of a second, when it is put down and taken up, do not.
     """
     points = sole_points(motion, body)
     step = np.linalg.norm(np.diff(points, axis=0)[..., [0, 2]], axis=-1)

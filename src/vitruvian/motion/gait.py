@@ -31,10 +31,10 @@ from vitruvian.motion.types import Motion
 # (the sum of thigh, knee and ankle; its flat part is exactly flat).
 THIGH = {0: 24, 5: 24, 10: 21.5, 15: 17.5, 20: 13, 30: 3, 40: -8, 46: -14, 51: -16.5, 55: -15, 60: -8, 65: 2, 70: 11,
          75: 19, 80: 25, 86: 28.5, 92: 27.5, 96: 25.5}  # fmt: skip
-KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 51,
-        69: 58.5, 73: 61, 77: 57.5, 82: 44, 87: 26.5, 92: 11, 96: 4.5}  # fmt: skip
-FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16.5, 52: -33, 57: -51, 62: -67, 66: -70,
-        70: -62, 75: -43, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
+KNEE = {0: 5, 5: 10.5, 10: 16, 15: 18, 20: 16.5, 25: 13, 30: 9.5, 35: 7, 40: 6, 45: 8, 50: 14.5, 55: 25, 60: 38, 65: 53,
+        69: 63, 73: 67, 77: 63, 82: 47, 87: 27.5, 92: 11, 96: 4.5}  # fmt: skip
+FOOT = {0: 19, 3: 13, 6: 5, 9: 0.8, 12: 0, 20: 0, 28: 0, 34: -1.2, 40: -6, 46: -16.5, 52: -33, 57: -51, 62: -67,
+        66: -70, 70: -62, 75: -43, 80: -23, 85: -4, 90: 11, 94: 19, 97: 20.5}  # fmt: skip
 TOES_BEND = np.radians(38.0)  # how far toes give before the foot rolls over their tips
 
 
@@ -88,9 +88,10 @@ def walk(
     """A person walking along +Z on the floor (y = 0), beginning at left heel strike; loops without a seam.
 
     speed in m/s (0.3 to 2.5), stride in metres (two steps; by default the usual one at that speed and leg length; the
-    cycle is rounded to whole frames, so stride = speed * cycle), cycles how many strides. in_place: walks on a treadmill,
-    so that repeating the clip goes nowhere; else a repetition starts `speed * seconds` further.
-    Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the root.
+    cycle is rounded to whole frames, so stride = speed * cycle), cycles how many strides. in_place: walks on a
+    treadmill, so that repeating the clip goes nowhere; else a repetition starts `speed * seconds` further.
+    Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the
+    root.
     """
     limbs = legs(skeleton)
     index = joint_index(skeleton.names)
@@ -169,7 +170,7 @@ def _list(phase: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Roll:
-    """How one foot rolls over the floor: forward and up are z and y, relative to the toe joint when the foot is flat."""
+    """How one foot rolls over the floor: forward and up are z and y, from the toe joint when the foot is flat."""
 
     leg: Leg
     ankle: Floats  # (2,) z, y of the ankle from the toe joint, foot flat
@@ -236,12 +237,14 @@ def _walk_legs(
     # takes over; the trailing one then bends as it has to
     lead = lambda start: float(np.subtract(*heights(start)[:, 0]))  # noqa: E731
     start = float(brentq(lead, -0.8 * length, 0.1 * length, xtol=1e-5))
-    move[:, 1] = _even(np.where(phase < 0.5, *heights(start)), phase)
-    feet = [
-        _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor)
-        for leg, own, roll in steps
-    ]
-    move[:, 1] -= _too_far(steps, pace, offset, move, feet)
+    left, right = heights(start)
+    move[:, 1] = _even(np.where(phase < 0.5, left, right), phase)
+    for _ in range(2):  # once for what stands, once more because the swinging leg hangs from the hip
+        feet = [
+            _foot_way(skeleton, leg, own, roll, pace, offset[:, leg.hip] + move, start, floor)
+            for leg, own, roll in steps
+        ]
+        move[:, 1] -= _too_far(steps, pace, offset, move, feet)
     for (leg, _, _), (ankle, foot, bend) in zip(steps, feet):
         hip = offset[:, leg.hip] + move
         ahead = rotate(about(Y, (1.0 if leg.side == "l" else -1.0) * np.radians(4.0)), Z)
@@ -272,8 +275,7 @@ def _height(roll: _Roll, own: Floats, pace: _Pace, hip: Floats, start: float) ->
     a, b = roll.leg.thigh, roll.leg.shank
     reach = a * a + b * b + 2 * a * b * np.cos(knee)
     flat = (hip[:, 2] - (ankle[:, 0] - start - pace.stride * own)) ** 2 + (0.05 * roll.leg.length) ** 2
-    lift = ankle[:, 1] + np.sqrt(np.maximum(reach - flat, 1e-6)) - hip[:, 1]
-    return lift
+    return ankle[:, 1] + np.sqrt(np.maximum(reach - flat, 1e-6)) - hip[:, 1]
 
 
 def _even(values: Floats, phase: Floats) -> Floats:
@@ -300,68 +302,77 @@ def _foot_way(
     c = skeleton.centers
     thigh, knee, pitch = _legs_at(own, pace)
     ankle, bend = roll.at(pitch)
-    ankle[:, 0] += -start - pace.stride * own
     stands = own < pace.stance
-    # in the air: the normative leg hung from the hip, bent so that it leaves and meets the floor without a jerk
-    air = np.stack(
-        [
-            hip[:, 2] + leg.thigh * np.sin(thigh) + leg.shank * np.sin(thigh - knee),
-            hip[:, 1] - floor - leg.thigh * np.cos(thigh) - leg.shank * np.cos(thigh - knee),
-        ],
-        axis=-1,
-    )
-    order = np.argsort(own)
-    loop = CubicSpline(
-        np.append(own[order], 1 + own[order[0]]), np.vstack([air[order], air[order[:1]]]), bc_type="periodic"
-    )
-    eps = 1e-4
-    ends = np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]) % 1.0
-    ends[2] = 0.0
+    # turned out about the toe joint: what the foot does about its place on the floor goes along its own line
+    turn = sign * np.radians(6.0)
+    beside = rotate(about(Y, turn), np.array([c[leg.ankle][0] - leg.pivot[0], 0.0, 0.0]))
+    track = sign * (0.048 * leg.length / 0.85 + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
+    eps, span = 1e-3, 1.0 - pace.stance
+    ends = np.array([pace.stance - eps, pace.stance, 0.0])
     _, _, turned = _legs_at(ends, pace)
     edge, _ = roll.at(turned)
-    edge[:, 0] += -start - pace.stride * np.array([pace.stance - eps, pace.stance, 0.0, eps])
-    miss = edge - loop(np.array([pace.stance - eps, pace.stance, 1.0, 1.0 + eps]))
-    span = 1.0 - pace.stance
-    s = np.clip((own - pace.stance) / span, 0.0, 1.0)[:, None]
-    slopes = (miss[1] - miss[0]) / eps * span, (miss[3] - miss[2]) / eps * span
-    bridge = (2 * s**3 - 3 * s**2 + 1) * miss[1] + (s**3 - 2 * s**2 + s) * slopes[0]
-    bridge = bridge + (3 * s**2 - 2 * s**3) * miss[2] + (s**3 - s**2) * slopes[1]
-    ankle = np.where(stands[:, None], ankle, air + bridge)
-    fly = s[:, 0]
+    s = np.clip((own - pace.stance) / span, 0.0, 1.0)
+    near = np.where(stands, ankle[:, 0], edge[1, 0] + (edge[2, 0] - edge[1, 0]) * smooth(s))
+    beyond = lambda n: np.stack([np.sin(turn) * n + beside[0] + track, (np.cos(turn) - 1) * n + beside[2]], axis=-1)  # noqa: E731
+    ankle[:, 0] += -start - pace.stride * own
+    edge_way = beyond(edge[:, 0])
+    edge[:, 0] += -start - pace.stride * ends + edge_way[:, 1]
+    # in the air: the normative knee and line of the leg, bent so that they go on from the standing leg
+    order = np.argsort(own)
+    loop = CubicSpline(
+        np.append(own[order], 1 + own[order[0]]), np.vstack([hip[order], hip[order[:1]]]), bc_type="periodic"
+    )
+    hips = loop(np.array([pace.stance - eps, pace.stance, 1.0]))
+    hips[2] = loop(own[order[0]]) if own[order[0]] == 0 else hips[2]
+    held = _leg_angles(leg, edge - (hips[:, [2, 1]] - [0.0, floor]), hips[:, 0] - edge_way[:, 0])
+    usual = _line_and_knee(leg, *_legs_at(np.array([pace.stance - eps, pace.stance, 1.0 - 1e-9]), pace)[:2])
+    miss = held - usual
+    push = 0.5 * (miss[1] - miss[0]) / eps  # half of it: the toes let go at once; heel strike is a small knock anyway
+    t, early = s[:, None], np.minimum(s / 0.5, 1.0)[:, None]
+    bridge = (2 * early**3 - 3 * early**2 + 1) * miss[1] + (early**3 - 2 * early**2 + early) * push * 0.5 * span
+    bridge = bridge + (3 * t**2 - 2 * t**3) * miss[2]
+    line, bent = np.moveaxis(_line_and_knee(leg, thigh, knee) + bridge, -1, 0)
+    reach = leg.thigh**2 + leg.shank**2 + 2 * leg.thigh * leg.shank * np.cos(np.maximum(bent, np.radians(4.0)))
+    way = beyond(near)
+    far = np.sqrt(reach - (hip[:, 0] - way[:, 0]) ** 2)
+    air = np.stack([hip[:, 2] + far * np.sin(line) - way[:, 1], hip[:, 1] - floor - far * np.cos(line)], axis=-1)
+    ankle = np.where(stands[:, None], ankle, air)
+    fly = s
     off = np.clip(-turned[1], 0.0, TOES_BEND)
     airy = off * (1 - smooth(fly / 0.4)) + 0.4 * turned[2] * smooth((fly - 0.5) / 0.5)
     bend = np.where(stands, np.where(pitch > 0, 0.4 * pitch, bend), airy)
     ankle[:, 1] += _clearance(roll, ankle, pitch, bend, fly)
-    yaw = np.full(len(own), sign * np.radians(6.0))
     tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
-    foot = compose(yaw, pitch, -sign * tuck)
-    half = 0.048 * leg.length / 0.85
-    # turned out about the toe joint: the ankle stands a little further in, and back by its own lateral offset
-    side = rotate(about(Y, yaw), np.array([c[leg.ankle][0] - leg.pivot[0], 0.0, 0.0]))
-    track = sign * (half + np.sin(np.radians(6.0)) * abs(roll.ankle[0]))
-    forth = rotate(about(Y, yaw), Z)
-    # what the foot does about its place on the floor goes along its own line, its flight along the way
-    along = ankle[:, :1] + start + pace.stride * own[:, None]
-    first, last = edge[2, 0] + start, edge[1, 0] + start + pace.stride * pace.stance
-    about_place = np.where(stands[:, None], along, last + (first - last) * smooth(s))
-    out = forth * about_place + side
-    out[:, 2] += (along - about_place)[:, 0]
-    out[:, 0] += track
-    out[:, 2] -= start + pace.stride * own
-    out[:, 1] = ankle[:, 1] + floor
+    foot = compose(np.full(len(own), turn), pitch, -sign * tuck)
+    out = np.stack([way[:, 0], ankle[:, 1] + floor, ankle[:, 0] + way[:, 1]], axis=-1)
     return out, foot, bend
 
 
-def _clearance(roll: _Roll, ankle: Floats, pitch: Floats, bend: Floats, fly: Floats, least: float = 0.012) -> Floats:
+def _line_and_knee(leg: Leg, thigh: Floats, knee: Floats) -> Floats:
+    """Direction of the line from hip to ankle and the knee's bend, (n,2), of thigh angles and knee bends (n,)."""
+    line = thigh - np.arctan2(leg.shank * np.sin(knee), leg.thigh + leg.shank * np.cos(knee))
+    return np.stack([line, knee], axis=-1)
+
+
+def _leg_angles(leg: Leg, way: Floats, aside: Floats) -> Floats:
+    """Direction of the line from hip to ankle (forward of straight down) and bend of the knee, (n,2) radians.
+
+    way (n,2) is hip to ankle as z, y, aside (n,) its x.
+    """
+    far = np.sum(way**2, axis=1) + aside**2
+    cosine = (far - leg.thigh**2 - leg.shank**2) / (2 * leg.thigh * leg.shank)
+    return np.stack([np.arctan2(way[:, 0], -way[:, 1]), np.arccos(np.clip(cosine, -1.0, 1.0))], axis=-1)
+
+
+def _clearance(roll: _Roll, ankle: Floats, pitch: Floats, bend: Floats, fly: Floats, least: float = 0.015) -> Floats:
     """How much higher (n,) the swinging foot has to go so that heel, ball and tip pass `least` over the floor."""
     joint = ankle - _pitched(roll.ankle, pitch)
     heel = joint + _pitched(roll.heel, pitch)
     tip = joint + _pitched(roll.tip, pitch + bend)
     ball = joint + _pitched(np.array([0.0, -roll.height]), pitch)
     low = np.minimum(np.minimum(heel, tip), ball)[:, 1]
-    shape = np.where(fly > 0, np.sin(np.pi * np.clip(fly, 0.0, 1.0)) ** 2, 0.0)
-    need = np.where(shape > 0.25, (least - low) / np.maximum(shape, 0.25), 0.0)
-    return shape * max(0.0, float(need.max(initial=0.0)))
+    wanted = least * smooth(fly / 0.14) * smooth((1 - fly) / 0.2)
+    return np.where((fly > 0) & (fly < 1), np.maximum(wanted - low, 0.0), 0.0)
 
 
 def _too_far(steps: list, pace: _Pace, offset: Floats, move: Floats, feet: list) -> float:

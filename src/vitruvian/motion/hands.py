@@ -11,8 +11,8 @@ from vitruvian.body.types import Floats, Skeleton
 from vitruvian.motion.names import FINGER_JOINTS, joint_index
 from vitruvian.motion.turns import about, unit
 
-# Degrees of flexion at the knuckle, the middle and the last joint, index to little finger; a hand at rest closes towards
-# the little finger. Of our own choice within the ranges of relaxed hands.
+# Degrees of flexion at the knuckle, the middle and the last joint, index to little finger; a hand at rest closes
+# towards the little finger. Of our own choice within the ranges of relaxed hands.
 RELAXED = {2: (18.0, 26.0, 12.0), 3: (23.0, 31.0, 15.0), 4: (27.0, 34.0, 17.0), 5: (30.0, 35.0, 18.0)}
 THUMB = (6.0, 10.0, 14.0)
 

@@ -1,7 +1,7 @@
 """Standing at ease: weight from leg to leg, breath, small looks around. Our own, no capture.
 
-Periods and sizes follow what is measured in quiet standing: some 15 breaths a minute, weight shifts of a few centimetres
-over several seconds, blinks of about 0.15 s every two to four seconds.
+Periods and sizes follow what is measured in quiet standing: some 15 breaths a minute, weight shifts of a few
+centimetres over several seconds, blinks of about 0.15 s every two to four seconds.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from vitruvian.motion.types import Motion
 def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequence[str] = ()) -> Motion:
     """A person standing at ease on the floor (y = 0 at rest); never still, loops without a seam.
 
-    seconds: length of the loop (at least 4). blink: names of displacers that close the eyes; they get weights that close
-    them now and then for about 0.15 s. Feet stay planted where they are at rest.
+    seconds: length of the loop (at least 4). blink: names of displacers that close the eyes; they get weights that
+    close them now and then for about 0.15 s. Feet stay planted where they are at rest.
     """
     if not 4 <= seconds < 3600:
         raise VitruvianError(f"seconds: expected at least 4 for one breath, found {seconds}")

@@ -33,7 +33,8 @@ def two_bone(
 ) -> tuple[Floats, Floats]:
     """Middle joint and end (...,3) of a chain of two bones from `root` to `goal`, bent towards `pole` (...,3).
 
-    A goal out of reach is approached to `straight` (a number or (...)) of the whole length, one too near to the shortest fold.
+    A goal out of reach is approached to `straight` (a number or (...)) of the whole length, one too near to the
+    shortest fold.
     """
     way = goal - root
     far = np.linalg.norm(way, axis=-1, keepdims=True)
@@ -118,7 +119,7 @@ def footholds(
         # an end of the foot that comes loose for a moment while the other stands has not been lifted
         for flags, other in ((heel, ball.copy()), (ball, heel.copy())):
             for start, stop in runs(~flags):
-                if 0 < start and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
+                if start > 0 and stop < len(flags) and stop - start < 0.15 * fps and other[start:stop].all():
                     flags[start:stop] = True
         out[leg.side] = Foothold(heel, ball)
     return out
@@ -166,8 +167,7 @@ def plant(
         before = world.copy()
         bend_leg(skeleton, leg, world, place[:, leg.hip], place[:, leg.knee], goal, foot, straight[leg.side])
         _carry(skeleton, leg.ankle, before, world)
-        stands = ease(hold.ball, blend * fps)
-        _flatten_toes(skeleton, leg, world, stands)
+        _flatten_toes(skeleton, leg, world, ease(hold.ball, blend * fps))
     return world, move
 
 
@@ -197,10 +197,11 @@ def _steps(
     """Where the ankle shall be (F,3), the foot's world rotation (F,4), and when heel and ball stand after all."""
     c = skeleton.centers
     ankle = place[:, leg.ankle]
-    raw = tuple(ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
-    hold = _split(hold, raw, fps)
+    raw_heel, raw_ball = (ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
+    hold = _split(hold, (raw_heel, raw_ball), fps)
     yaw, pitch, roll = heading(world[:, leg.ankle])
-    on_heel, on_ball = ease(hold.heel, blend * fps), ease(hold.ball, blend * fps)
+    hold = _rolling(hold, pitch)
+    on_heel, on_ball = ease(hold.heel, 0.5 * blend * fps), ease(hold.ball, blend * fps)
     pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
     # who turns on one end of the foot keeps the other a little off the floor
     on_one = on_heel * (1 - on_ball) - on_ball * (1 - on_heel)
@@ -246,6 +247,21 @@ def _split(
                 end[cut - half : cut + half] = False
             stack += [(start, cut - half), (cut + half, stop)]
     return Foothold(*flags)
+
+
+def _rolling(hold: Foothold, pitch: Floats, limit: float = np.radians(1.5)) -> Foothold:
+    """A foot that already rolls is not flat, slow as it may be: the heel is off, or the ball not yet down.
+
+    Compared with the pitch that the foot has while it is flat, at the end and at the beginning of each contact.
+    """
+    heel, ball = hold.heel.copy(), hold.ball.copy()
+    for start, stop in runs(hold.heel & hold.ball):
+        part = pitch[start:stop] - np.median(pitch[start:stop])
+        off = np.flatnonzero(part >= -limit)
+        heel[start + off[-1] + 1 : stop] = False
+        down = np.flatnonzero(part <= limit)
+        ball[start : start + down[0]] = False
+    return Foothold(heel, ball)
 
 
 def _steady(yaw: Floats, flat: NDArray[np.bool_], fps: float, *, limit: float = np.radians(15.0)) -> Floats:
@@ -304,7 +320,7 @@ def _over(value: Floats, fps: float) -> Floats:
     """A smooth curve that is nowhere below `value` (F,): sliding maximum, then a mean over the same window."""
     if not value.any():
         return value
-    width = max(1, int(round(0.12 * fps)))
+    width = max(1, int(round(0.08 * fps)))
     window = np.lib.stride_tricks.sliding_window_view
     top = window(np.pad(value, width, mode="edge"), 2 * width + 1).max(axis=-1)
     kernel = np.hanning(2 * width + 3)[1:-1]

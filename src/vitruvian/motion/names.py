@@ -1,8 +1,8 @@
 """What joints of other rigs are called, and which H-Anim joint each one is.
 
 Known: CMU (both families of BVH names), ASF, Mixamo, MakeHuman (default rig and old BVH), Unity and VRM, Blender and
-Rigify, Biped of 3ds Max, SMPL, H-Anim 1.x and 2.0. Names are compared without side, case, separators and the rig's prefix
-(`mixamorig:LeftUpLeg` is "upleg" on the left).
+Rigify, Biped of 3ds Max, SMPL, H-Anim 1.x and 2.0. Names are compared without side, case, separators and the rig's
+prefix (`mixamorig:LeftUpLeg` is "upleg" on the left).
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vitruvian.body.rotations import inverse, multiply, slerp
 from vitruvian.body.types import Floats, Skeleton
@@ -54,19 +53,19 @@ def hang_arm(
     local: Floats,
     side: str,
     *,
-    forward: ArrayLike,
-    out: ArrayLike,
-    bend: ArrayLike,
-    inward: ArrayLike,
-    pronation: ArrayLike,
-    wrist: ArrayLike = 0.0,
-    palm: ArrayLike = 0.0,
+    forward: Floats | float,
+    out: Floats | float,
+    bend: Floats | float,
+    inward: Floats | float,
+    pronation: Floats | float,
+    wrist: Floats | float = 0.0,
+    palm: Floats | float = 0.0,
 ) -> None:
     """Local rotations (in place) of one arm from angles in radians, each a number or (F,).
 
-    forward: the upper arm, out: the whole arm from hanging straight down; bend: the elbow; inward: about the upper arm towards the
-    body; pronation: thumb inwards; wrist: towards the thumb; palm: towards the palm. They mean the same whatever arm the
-    rest pose shows, because what the rest pose already has is taken off.
+    forward: the upper arm, out: the whole arm from hanging straight down; bend: the elbow; inward: about the upper arm
+    towards the body; pronation: thumb inwards; wrist: towards the thumb; palm: towards the palm. They mean the same
+    whatever arm the rest pose shows, because what the rest pose already has is taken off.
     """
     shoulder, elbow, hand = (index.get(f"{side}_{n}") for n in ("shoulder", "elbow", "radiocarpal"))
     if shoulder is None or elbow is None:
@@ -77,15 +76,15 @@ def hang_arm(
     line = unit(c[elbow if hand is None else hand] - c[shoulder])  # the whole arm decides how far it hangs off the body
     spread, front = np.arctan2(sign * line[0], -line[1]), np.arctan2(upper[2], -upper[1])
     swing = multiply(about(X, count - (forward - front)), about(Z, count + sign * (out - spread)))
-    local[:, shoulder] = multiply(swing, about(Y, count - sign * np.asarray(inward)))
+    local[:, shoulder] = multiply(swing, about(Y, count - sign * inward))
     if hand is None:
         local[:, elbow] = about(X, count - bend)
         return
     fore = unit(c[hand] - c[elbow])
     straight = np.arctan2(fore[2], -fore[1]) - front  # the bend at rest
-    turned = about(Y, count - sign * np.asarray(pronation))
+    turned = about(Y, count - sign * pronation)
     local[:, elbow] = multiply(about(X, count - (bend - straight)), turned)
-    local[:, hand] = multiply(about(X, count - wrist), about(Z, count - sign * np.asarray(palm)))
+    local[:, hand] = multiply(about(X, count - wrist), about(Z, count - sign * palm))
 
 
 def aim_leg(

@@ -1,8 +1,8 @@
 """Let another skeleton do what a captured one does.
 
 Only turns in the world are carried over, never local angles: rest poses, local axes and joint counts of the two may
-differ. Source: note motion.md, section 4 (world deltas, rest alignment by swing and secondary axis, trunk by arc length).
-Frames: humanoid space, Y up; A is the turn that brings the target at rest into the pose of the source at rest.
+differ. Source: note motion.md, section 4 (world deltas, rest alignment by swing and secondary axis, trunk by arc
+length). Frames: humanoid space, Y up; A is the turn that brings the target at rest into the pose of the source at rest.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FINGERS = [n for joints in FINGER_JOINTS.values() for n in joints] + [f"carpomet
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """The clip to be carried over: who is who, rest positions (J,3), world turns from rest (F,J,4), positions (F,J,3)."""
+    """The clip to be carried over: who is who, rest positions (J,3), turns from rest (F,J,4), positions (F,J,3)."""
 
     skeleton: Skeleton
     index: dict[str, int]
@@ -37,6 +37,7 @@ class _Source:
     rest: Floats
     turn: Floats
     place: Floats
+    fps: float
 
     @cached_property
     def children(self) -> list[list[int]]:
@@ -62,7 +63,7 @@ class _Source:
         return common[-1] if common else None
 
     def end(self, joint: int, skip: int | None = None) -> Floats | None:
-        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when nothing is apart from it."""
+        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when there is none."""
         best, far, stack = None, 1e-6, [joint]
         while stack:
             j = stack.pop()
@@ -89,11 +90,11 @@ def retarget(
     """The clip on another skeleton: `motion` on its own skeleton to a Motion on `skeleton` (H-Anim names, any LOA).
 
     names: {joint of the clip: H-Anim joint}, wins over the built-in tables. feet: find when feet stand and keep them on
-    the floor (y = 0 at rest) by inverse kinematics. twist_to_elbow: share of the forearm's twist that the elbow takes, the
-    wrist the rest; not used between two H-Anim skeletons. root: "scale" walks in proportion to the leg length, "keep"
-    leaves distances as they were captured. rest_frame: a frame of the clip that shows the rest pose.
-    `Motion.notes` says what was not matched. Raises `VitruvianError` when the clip has no recognisable hips or `skeleton`
-    is no H-Anim skeleton.
+    the floor (y = 0 at rest) by inverse kinematics. twist_to_elbow: share of the forearm's twist that the elbow takes,
+    the wrist the rest; not used between two H-Anim skeletons. root: "scale" walks in proportion to the leg length,
+    "keep" leaves distances as they were captured. rest_frame: a frame of the clip that shows the rest pose.
+    `Motion.notes` says what was not matched. Raises `VitruvianError` when the clip has no recognisable hips or
+    `skeleton` is no H-Anim skeleton.
     """
     if root not in ("scale", "keep"):
         raise VitruvianError(f"root: expected 'scale' or 'keep', found {root!r}")
@@ -174,7 +175,7 @@ def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | N
     lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
     if lost:
         notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
-    return _Source(skeleton, index, trunk, rest, world, place), notes
+    return _Source(skeleton, index, trunk, rest, world, place, motion.fps), notes
 
 
 def _odd_start(motion: Motion) -> bool:
@@ -250,8 +251,8 @@ def _swing(before: Floats, target: Floats, source: Floats) -> Floats:
 def _sideways(facing: Floats, own: Floats, his: Floats) -> Floats:
     """The turn about the front axis that brings limb `own` as far out from the body as `his`.
 
-    Rest poses differ by how far arms and legs are raised to the side (T, A, hanging). Done first and about that axis, it
-    keeps thumbs and kneecaps where they are; the shortest turn would roll limbs that do not hang exactly straight.
+    Rest poses differ by how far arms and legs are raised to the side (T, A, hanging). Done first and about that axis,
+    it keeps thumbs and kneecaps where they are; the shortest turn would roll limbs that do not hang exactly straight.
     """
     front = rotate(facing, np.array([0.0, 0.0, 1.0]))
     a, b = (unit(v - front * (v @ front)) for v in (own, his))
@@ -312,7 +313,8 @@ def _foot(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str
     up = rotate(facing, UP)
     if knee is not None and tip is not None and len(source.turn) > 1:
         shin = unit(source.rest[knee] - source.rest[ankle])
-        stands = _stands(source, ankle, 0.15, 120.0) & _stands(source, toe if toe is not None else ankle, 0.15, 120.0)
+        ends = (ankle, toe if toe is not None else ankle)
+        stands = np.logical_and(*(standing(source.place[:, j], source.fps) for j in ends))
         normal = rotate(inverse(source.turn[stands, ankle]), UP).mean(axis=0) if stands.sum() >= 10 else up
         # lying, jumping or noise: no decision, the floor counts
         if np.linalg.norm(normal) > 0.9 and normal @ shin > normal @ up + 0.01:
@@ -321,10 +323,6 @@ def _foot(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str
     own = skeleton.centers[ball] - skeleton.centers[target[f"{side}_talocrural"]] if ball is not None else np.eye(3)[2]
     his = tip - source.rest[ankle] if tip is not None else rotate(facing, np.eye(3)[2])
     return multiply(frame(up, his), inverse(frame(UP, own)))
-
-
-def _stands(source: _Source, joint: int, speed: float, fps: float) -> Floats:
-    return standing(source.place[:, joint], fps, speed=speed)
 
 
 def _transfer(
@@ -340,6 +338,10 @@ def _transfer(
     base = source.fork("l_hip", "r_hip", "skullbase", "l_shoulder", "r_shoulder")
     pelvis = source.fork("l_hip", "r_hip")
     drivers = dict(source.index)
+    for side in "lr":
+        # a thumb without fingers is CMU's: it shows where the palm is, but its angles flip from frame to frame
+        if not any(f"{side}_{joint}" in drivers for k in range(2, 6) for joint in FINGER_JOINTS[k]):
+            drivers.pop(f"{side}_carpometacarpal_1", None)
     if base is not None and "humanoid_root" in target:
         drivers.setdefault("humanoid_root", base)
         drivers["humanoid_root"] = max(drivers["humanoid_root"], base)
@@ -420,7 +422,8 @@ def _lean(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: F
 
 
 def _along(points: Floats, arms: int) -> Floats:
-    """Where the middle of each joint's bone lies: 0..1 up to the end of the one that carries the arms, 1..2 to the head.
+    """Where the middle of each joint's bone lies: 0..1 up to the end of the one that carries the arms, 1..2 to the
+    head.
 
     CMU's conversions have dropped the length of the chest; it gets the mean of the bones below.
     """
@@ -465,23 +468,22 @@ def _root(
     for side in "lr":
         names = [f"{side}_{p}" for p in ("hip", "knee", "talocrural")]
         if all(n in index and n in target for n in names):
-            own = sum(np.linalg.norm(c[target[a]] - c[target[b]]) for a, b in zip(names, names[1:]))
-            his = sum(np.linalg.norm(source.rest[index[a]] - source.rest[index[b]]) for a, b in zip(names, names[1:]))
-            ratios.append(own / max(his, 1e-9))
+            mine, other = (
+                sum(float(np.linalg.norm(p[i[a]] - p[i[b]])) for a, b in zip(names, names[1:]))
+                for p, i in ((c, target), (source.rest, index))
+            )
+            ratios.append(mine / max(other, 1e-9))
     scale = float(np.mean(ratios)) if ratios else 1.0
     hips = [n for n in ("l_hip", "r_hip") if n in index and n in target]
-    his = (
-        np.mean([source.place[:, index[n]] for n in hips], axis=0) if hips else source.place[:, index["humanoid_root"]]
-    )
-    rest = np.mean([source.rest[index[n]] for n in hips], axis=0) if hips else source.rest[index["humanoid_root"]]
-    zero = np.zeros((len(world), 3))
-    place = positions(skeleton.parents, c, world, zero)
-    own = np.mean([place[:, target[n]] for n in hips], axis=0) if hips else place[:, 0]
+    theirs = [index[n] for n in hips] or [index["humanoid_root"]]
+    ours = [target[n] for n in hips] or [0]
+    his = source.place[:, theirs].mean(axis=1)
+    own = positions(skeleton.parents, c, world, np.zeros((len(world), 3)))[:, ours].mean(axis=1)
     if root == "keep":
         # distances on the floor as captured, heights still in proportion: legs have to reach the ground
         return np.stack([his[:, 0], his[:, 1] * scale, his[:, 2]], axis=1) - own, scale
-    if not ratios:
-        return his - rest + (c[target[hips[0]]] if hips else c[0]) - own, 1.0
+    if not ratios:  # no legs to compare: the way from the rest pose
+        return his - source.rest[theirs].mean(axis=0) + c[ours].mean(axis=0) - own, 1.0
     return his * scale - own, scale
 
 

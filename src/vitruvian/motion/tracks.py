@@ -22,9 +22,9 @@ def motion_of(
 ) -> Motion | None:
     """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
 
-    The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor that
-    drives most tracks, sampled at `fps`. `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions are
-    taken as places (as in BVH) instead of offsets, so the rest centre is taken off them.
+    The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor
+    that drives most tracks, sampled at `fps`. `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions
+    are taken as places (as in BVH) instead of offsets, so the rest centre is taken off them.
     Joints without animation keep the pose of the file.
     """
     data = [m for m in humanoid.motions if m.values.size and (name is None or m.name == name)]
@@ -108,7 +108,8 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
                     shift[:, j, axis] -= rest[axis]
     if lost:
         warn(
-            f"{title}: the skeleton has no joint {', '.join(lost[:5])}; {len(lost)} of {len(data.joints)} groups left out"
+            f"{title}: the skeleton has no joint {', '.join(lost[:5])}; "
+            f"{len(lost)} of {len(data.joints)} groups left out"
         )
     loop = data.loop and len(values) > 1
     if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
@@ -206,7 +207,8 @@ def _moves(values: Floats, rest: Floats) -> bool:
 def axis_angles(rotation: Floats) -> Floats:
     """`x y z angle` (n,4) of quaternions (n,4) along time, without jumps of axis or angle.
 
-    The axis keeps its side from key to key and its direction where nothing turns; the angle may be negative or beyond pi.
+    The axis keeps its side from key to key and its direction where nothing turns; the angle may be negative or beyond
+    pi.
     """
     length = np.linalg.norm(rotation[:, :3], axis=1)
     known = length > 1e-9
@@ -244,8 +246,8 @@ def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
 def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
     """The clip as one HAnimMotion: translation and rotation of the first joint, rotations of the others that turn.
 
-    Angles in degrees, continuous, rotation channels in `order`; enabled and loop are always said, because engines differ
-    in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
+    Angles in degrees, continuous, rotation channels in `order`; enabled and loop are always said, because engines
+    differ in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
     """
     rotation, shift, _ = _frames_to_write(motion)
     joints, channels, columns = [], [], []

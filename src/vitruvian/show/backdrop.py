@@ -29,7 +29,7 @@ def shadow(
     eye = np.asarray(camera.eye, np.float32)
     if eye[1] < level + 1e-4 * reach or low[1] > level + 0.5 * tall + 0.3 * reach:
         return dark
-    rays = camera.through(np.arange(width * height), (0.5, 0.5), size)
+    rays = camera.through(None, (0.5, 0.5), size)
     seen = np.flatnonzero(rays[:, 1] < -1e-5)
     t = (level - eye[1]) / rays[seen, 1]
     middle = (low[[0, 2]] + high[[0, 2]]) / 2

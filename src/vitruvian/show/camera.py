@@ -52,12 +52,14 @@ class Camera:
         return sx[..., None] * axes[0] + sy[..., None] * axes[1] - axes[2]
 
     def through(
-        self, pixel: NDArray[np.int64], offset: tuple[float, float], size: tuple[int, int]
+        self, pixel: NDArray[np.int64] | None, offset: tuple[float, float], size: tuple[int, int]
     ) -> NDArray[np.float32]:
-        """`rays` (n,3) float32 at `offset` in each of the pixels (n,), row-major indices."""
+        """`rays` (n,3) float32 at `offset` in each of the pixels (n,), row-major indices; None for all."""
         corner, right, down = self.rays(np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), size)  # affine in the pixel
         x = ((np.arange(size[0]) + offset[0])[:, None] * (right - corner)).astype(np.float32)
         y = ((np.arange(size[1]) + offset[1])[:, None] * (down - corner) + corner).astype(np.float32)
+        if pixel is None:
+            return (y[:, None] + x).reshape(-1, 3)
         row = pixel // size[0]
         return y[row] + x[pixel - row * size[0]]
 

@@ -197,12 +197,21 @@ class Figure:
                 if len(points) >= 4:
                     out[name if name == "face" else f"hands-{name}"] = points
         matrices = self._matrices([time])[0][0]
+        turned = self._turned_sites()
         for name, joint, point in zip(s.site_names, s.site_joints, s.site_points):
             if name.endswith("_view"):
                 frame = np.eye(4)
-                frame[:3, 3] = matrices[joint][:3, :3] @ point + matrices[joint][:3, 3]
-                out[name] = _looking(self.placement @ frame, surface.vertices)
+                frame[:3, :3], frame[:3, 3] = turned.get(name, np.eye(3)), point
+                frame = self.placement @ matrices[joint] @ frame
+                out[name] = frame if name in turned else _looking(frame, surface.vertices)
         return out
+
+    def _turned_sites(self) -> dict[str, Array]:
+        """Rotations (3,3) of the Sites that have one: those say themselves where they look."""
+        from vitruvian.body.rotations import from_axis_angle, to_matrix
+
+        sites = self.humanoid.all_sites() if self.humanoid is not None else []
+        return {s.name: to_matrix(from_axis_angle(s.rotation)) for s in sites if abs(s.rotation[3]) > 1e-6}
 
     def _below(self, joint: int) -> NDArray[np.int64]:
         """Skin vertices that follow this joint or one below it most, and belong to a drawn triangle."""
@@ -227,10 +236,12 @@ def _sparse(body: Body) -> bool:
 
 
 def _looking(frame: Array, points: Array) -> Array:
-    """The frame turned about Y so that its -Z axis points at the middle of the points."""
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    """The frame turned so that its -Z axis points at the figure: at its middle from afar, level from near by."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, tall = (low + high) / 2, high[1] - low[1]
     back = frame[:3, 3] - middle
-    back[1] *= 0.3
+    if np.hypot(back[0], back[2]) < 1.2 * tall:
+        back[1] = frame[1, 3] - np.clip(frame[1, 3], low[1] + 0.1 * tall, high[1] - 0.06 * tall)
     back /= max(float(np.linalg.norm(back)), 1e-9)
     right = np.cross([0, 1, 0], back)
     right /= max(float(np.linalg.norm(right)), 1e-9)

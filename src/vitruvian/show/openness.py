@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Skeleton, Weights
 
-RAYS = 48
+RAYS = 32
 JOINED = 0.45  # metres along the skeleton
 REACH = 0.09  # metres; what is farther away hides nothing
 
@@ -50,6 +50,7 @@ def openness(
     u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-12)
     v = np.cross(normal, u)
     origins = np.ascontiguousarray(p + 1e-3 * normal, dtype=np.float32)
+    far = np.full(count, reach, np.float32)
     hidden = np.zeros(count)
     turn = np.arange(count) * 2.399963  # the golden angle: neighbours look in different directions
     for k in range(rays):
@@ -57,8 +58,10 @@ def openness(
         around = 2.399963 * k + turn
         flat = rise * np.cos(around)[:, None] * u + rise * np.sin(around)[:, None] * v
         direction = np.ascontiguousarray(flat + np.sqrt(1 - rise * rise) * normal, dtype=np.float32)
-        hit = scene.run(origins, direction, output=1)
-        distance = np.where(np.asarray(hit["primID"]) >= 0, np.asarray(hit["tfar"]), np.inf)
+        hit = scene.run(origins, direction, dists=far.copy(), output=1)  # run writes into dists
+        # the back of a surface hides nothing: who sees it lies inside, as a fold of cloth or the root of a hair does
+        front = (np.asarray(hit["Ng"]) * direction).sum(axis=1) < 0
+        distance = np.where((np.asarray(hit["primID"]) >= 0) & front, np.asarray(hit["tfar"]), np.inf)
         if owner is not None and apart is not None:
             struck = owner[triangles[np.asarray(hit["primID"]), 0]]
             distance[apart[owner, struck] > JOINED] = np.inf

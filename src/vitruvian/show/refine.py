@@ -37,16 +37,16 @@ def refined(surface: Surface, camera: Camera, size: tuple[int, int], rounds: int
 def _coarse(surface: Surface, camera: Camera, size: tuple[int, int]) -> NDArray[np.bool_]:
     """(T,) the triangles near the picture, when the usual edge among them is long enough to show."""
     xy, depth = camera.project(surface.vertices, size)
-    corner = xy[surface.triangles]
-    low, high = corner.min(axis=1), corner.max(axis=1)
+    a, b, c = (xy[surface.triangles[:, i]] for i in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     border = 0.05 * max(size)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # NaN, behind the camera, is not near
         near = (high > -border).all(axis=1) & (low < np.array(size) + border).all(axis=1)
-    near &= (depth[surface.triangles] > 0).all(axis=1)
+    near &= (depth > 0)[surface.triangles].all(axis=1)
     if not near.any():
         return near
-    edge = np.linalg.norm(corner[near] - np.roll(corner[near], 1, axis=1), axis=-1)
-    return near if np.percentile(edge, 75) > EDGE else np.zeros_like(near)
+    edge = np.sqrt(((b - a)[near] ** 2).sum(axis=1).mean())
+    return near if edge > EDGE else np.zeros_like(near)
 
 
 def split(surface: Surface, some: NDArray[np.bool_]) -> Surface:

@@ -1,8 +1,8 @@
 """Surfaces, a camera and a studio become pixels.
 
-Primary visibility at every sub-pixel; soft key shadow and ambient occlusion once per pixel, from sixteen complementary
-sets of directions that an edge-aware 4 x 4 mean puts together. Pixels that lie inside one smooth surface are shaded
-once, with the mean of their samples; edges are shaded sample by sample.
+Primary visibility at every sub-pixel; soft key shadow and ambient occlusion once per pixel and surface, from sixteen
+complementary sets of directions that an edge-aware 4 x 4 mean puts together. The samples of a pixel that lie on one
+smooth surface are shaded once, as their mean; on the others sample by sample.
 """
 
 from __future__ import annotations
@@ -147,45 +147,46 @@ class Shot:
         """Shade samples and add them to the picture."""
         if not len(hits.pixel):
             return
-        order = np.argsort(hits.pixel % self.count, kind="stable")
-        hits, share = hits[order], share[order]
-        pixel, soup = hits.pixel % self.count, self.soup
-        first = np.flatnonzero(np.diff(pixel, prepend=-1))  # where the samples of each pixel begin
-        group = np.repeat(np.arange(len(first)), np.diff(first, append=len(pixel)))
-        corners = soup.corners[hits.triangle]
-        u, v = hits.u[:, None], hits.v[:, None]
-        mixed = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
-        face = soup.faces[hits.triangle]
+        soup = self.soup
         part = soup.part[hits.triangle]
+        order = np.argsort((hits.pixel % self.count) * len(soup.parts) + part, kind="stable")
+        hits, share, part = hits[order], share[order], part[order]
+        pixel = hits.pixel % self.count
+        # samples of one pixel on one surface make a group
+        fresh = (np.diff(pixel, prepend=-1) != 0) | (np.diff(part, prepend=-1) != 0)
+        fresh |= np.abs(np.diff(hits.depth, prepend=0)) > 8 * self.pixel
+        first = np.flatnonzero(fresh)
+        counts = np.diff(first, append=len(pixel))
+        group = np.repeat(np.arange(len(first)), counts)
         eye = np.asarray(self.camera.eye, np.float32)
-        # surfaces seen from behind are lit from behind
-        away = dot(face, eye - mixed[:, :3]) < 0
-        face = np.where(away[:, None], -face, face)
-        mixed[:, 3:6], mixed[:, 6:9] = unit(mixed[:, 3:6]), unit(mixed[:, 6:9])
-        mixed[away, 3:9] *= -1
+        # surfaces seen from behind are lit from behind; a plane has one side towards the eye
+        behind = dot(soup.faces, eye - soup.corners[:, 0, :3]) < 0
+        away = behind[hits.triangle]
+        shades = _mixed(soup.corners[:, :, 3:9], hits)  # normal and colour, of all samples
+        shades[:, :3] = unit(shades[:, :3]) * np.where(away, -1, 1).astype(np.float32)[:, None]
+        # where the surface is smooth, one sample stands for its group: with the mean normal and colour
+        mean = np.add.reduceat(shades, first, axis=0) / counts[:, None].astype(np.float32)
+        calm = dot(mean[:, :3], mean[:, :3]) > CALM**2
 
-        start = _above(mixed[first, :3], corners[first], hits.u[first], hits.v[first], away[first])
-        start += face[first] * np.float32(1.5e-4 * self.reach)
-        sky, lit = self._light(start, mixed[first, 3:6], pixel[first])
+        places = _mixed(soup.corners[:, :, :3], hits[first])
+        start = _above(places, soup.corners[hits.triangle[first]], hits.u[first], hits.v[first], away[first])
+        start += np.where(away[first], -1, 1)[:, None] * soup.faces[hits.triangle[first]] * (1.5e-4 * self.reach)
+        sky, lit = self._light(start.astype(np.float32), shades[first, :3], pixel[first])
 
-        # one surface all over the pixel: one sample, the mean
-        full = np.diff(first, append=len(pixel)) == self.samples
-        mean = np.add.reduceat(mixed, first, axis=0) / np.float32(self.samples)
-        same = np.minimum.reduceat(part, first) == np.maximum.reduceat(part, first)
-        calm = full & same & (dot(mean[:, 3:6], mean[:, 3:6]) > CALM**2)
-        busy = np.flatnonzero(~calm[group])
-        calm = np.flatnonzero(calm)
-        owner = np.concatenate([calm, group[busy]])
-        mixed = np.concatenate([mean[calm], mixed[busy]])
-        part = np.concatenate([part[first[calm]], part[busy]])
-        share = np.concatenate([np.add.reduceat(share, first)[calm], share[busy]])
-
-        point, normal, soft, albedo, rest = (mixed[:, i : i + 3] for i in range(0, 15, 3))
+        one, busy = np.flatnonzero(calm), np.flatnonzero(~calm[group])
+        owner = np.concatenate([one, group[busy]])
+        which = np.concatenate([first[one], busy])
+        shades = np.concatenate([mean[one], shades[busy]])
+        share = np.concatenate([np.add.reduceat(share, first)[one], share[busy]])
+        hits, part = hits[which], part[which]
+        normal, albedo = unit(shades[:, :3]), shades[:, 3:]
+        point, soft, rest = (_mixed(soup.corners[:, :, i : i + 3], hits) for i in (0, 9, 12))
+        soft = unit(soft) * np.where(away[which], -1, 1).astype(np.float32)[:, None]
         view = unit(eye - point)
         lack = np.minimum(dot(normal, view) - 0.02, 0)  # grazing smooth normals are bent back into view
         normal = unit(normal - lack[:, None] * view)
         s = Samples(
-            normal, unit(soft), view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
+            normal, soft, view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
             soup.metallic[part], sky[owner], lit[owner],
         )  # fmt: skip
         light = shade(s, self.studio, self.heading, self.pixel) * share[:, None]
@@ -195,7 +196,7 @@ class Shot:
         self.cover += np.bincount(where, share, minlength=self.count).astype(np.float32)
 
     def _light(self, start: Single, normal: Single, pixel: NDArray) -> tuple[Single, Single]:
-        """Open sky and key light (n,) at points just above the surface, one per pixel (increasing)."""
+        """Open sky and key light (n,) at points just above the surface; `pixel` (n,) does not decrease."""
         row = tile(pixel, self.size[0])
         key = self.studio.key.towards(self.heading)
         both = np.zeros((len(pixel), 2), np.float32)
@@ -203,9 +204,19 @@ class Shot:
         facing = np.flatnonzero(dot(normal, key) > -0.35)
         both[facing, 1] = self.solid.light(start[facing], key, self.studio.key.radius, row[facing], self.quality)
         place = np.full(self.count, -1, np.int32)
-        place[pixel] = np.arange(len(pixel), dtype=np.int32)
-        both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, 0.004 * self.reach)
+        place[pixel] = np.arange(len(pixel), dtype=np.int32)  # where a pixel shows several surfaces, the last
+        thick = float(np.clip(4 * self.pixel, 1e-4 * self.reach, 4e-3 * self.reach))
+        both = _smooth(both, place.reshape(self.size[::-1]), pixel, start, normal, thick)
         return both[:, 0], both[:, 1]
+
+
+def _mixed(corners: Single, hits: Hits) -> Single:
+    """Values (n,k) at the hits of values (T,3,k) at the corners of all triangles."""
+    c = corners[hits.triangle]
+    out = c[:, 0] * (1 - hits.u - hits.v)[:, None]
+    out += c[:, 1] * hits.u[:, None]
+    out += c[:, 2] * hits.v[:, None]
+    return out
 
 
 def _above(point: Single, corners: Single, u: Single, v: Single, away: NDArray) -> Single:
@@ -234,14 +245,15 @@ def _smooth(value: Single, place: NDArray, pixel: NDArray, point: Single, normal
     at = (pixel // width) * (width + 3) + pixel % width
     level = dot(point, normal)
     both = np.concatenate([point, normal, value], -1)
-    total, weight = np.zeros_like(value), np.zeros(len(value), np.float32)
+    own = np.arange(len(value))
+    total, weight = value.copy(), np.ones(len(value), np.float32)
     for dy in range(4):
         for dx in range(4):
             j = around[at + dy * (width + 3) + dx]
             other = both[j]
             apart = np.abs(dot(other[:, :3], normal) - level)
-            good = (j >= 0) & (apart < thick) & (dot(other[:, 3:6], normal) > 0.75)
+            good = (j >= 0) & (j != own) & (apart < thick) & (dot(other[:, 3:6], normal) > 0.75)
             w = good.astype(np.float32)
             total += other[:, 6:] * w[:, None]
             weight += w
-    return total / np.maximum(weight, 1)[:, None]
+    return total / weight[:, None]

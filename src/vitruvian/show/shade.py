@@ -137,16 +137,21 @@ def shade(s: Samples, studio: Studio, heading: float, pixel: float = 1.0) -> Sin
             out = draw(s, studio, heading)
         elif some.size:
             out[some] = draw(s[some], studio, heading)
-    return filmic(out * np.float32(studio.exposure))
+    out *= np.float32(studio.exposure)
+    grey = dot(out, np.array([0.2126, 0.7152, 0.0722], np.float32))[:, None]
+    return filmic(grey + 0.86 * (out - grey))  # the curve makes colours richer than they are
 
 
 def textured(s: Samples, pixel: float) -> Samples:
     """The samples with the small unevenness of skin, cloth and hair."""
-    albedo, normal = s.albedo.copy(), s.normal.copy()
+    albedo, normal, roughness = s.albedo.copy(), s.normal.copy(), s.roughness.copy()
     skin = np.flatnonzero(s.kind == KINDS.index("skin"))
     if skin.size:
         rest = s.texture[skin]
         blood = 0.045 * noise(rest * 38) + 0.03 * noise(rest * 130 + 7)
+        red = albedo[skin, 0] / np.maximum(albedo[skin, 1], 1e-3)
+        moist = np.clip(red / max(float(np.median(red)), 1e-3) - 1.25, 0, 0.5)  # lips
+        roughness[skin] *= 1 - 0.9 * moist
         albedo[skin] *= 1 + blood * np.array([0.45, 1.0, 1.1], np.float32)
         pores = close(0.0016, pixel)
         if pores:
@@ -165,7 +170,7 @@ def textured(s: Samples, pixel: float) -> Samples:
         locks = noise(way * np.array([0.3, 1, 1], np.float32)) * 0.16 + noise(way) * 0.16
         albedo[hair] *= 1 + locks
         normal[hair] = _unit(normal[hair] + np.float32(0.12) * noise(way + 31, 3))
-    return replace(s, albedo=albedo, normal=normal)
+    return replace(s, albedo=albedo, normal=normal, roughness=roughness)
 
 
 def _dome(s: Samples, studio: Studio, normal: Single) -> Single:
@@ -244,12 +249,12 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
     nv = np.clip(dot(s.normal, s.view), 0, 1)
     reflected = 2 * nv[:, None] * s.normal - s.view
     fresnel = 0.03 + 0.97 * (1 - nv) ** 5 * 0.6
-    for light in studio.lights()[:2]:
-        inside = np.clip((dot(reflected, light.towards(heading)) - 0.972) / 0.010, 0, 1)
-        box = inside * inside * (3 - 2 * inside)
-        out += (box * (fresnel + 0.05) * 14.0 * np.sqrt(np.maximum(s.sky, 0)))[:, None] * np.asarray(
-            light.color, np.float32
-        )
+    for light, strength in ((studio.key, 1.0), (studio.fill, 0.5)):
+        # as photographers do, the lamp's picture is put low enough not to hide behind the upper lid
+        low = replace(light, azimuth=0.75 * light.azimuth, elevation=min(light.elevation, 22.0)).towards(heading)
+        inside = np.clip((dot(reflected, low) - 0.968) / 0.012, 0, 1)
+        box = inside * inside * (3 - 2 * inside) * strength * (0.3 + 0.7 * np.sqrt(np.maximum(s.sky, 0)))
+        out += (box * (fresnel + 0.05) * 11.0)[:, None] * np.asarray(light.color, np.float32)
     return out + _mirror(replace(s, roughness=np.full_like(s.roughness, 0.1)), studio, 0.03, s.roughness * 0 + 0.1)
 
 

@@ -23,11 +23,11 @@ class Surface:
 
     vertices: NDArray[np.float64]
     triangles: NDArray[np.int32]
-    normals: NDArray[np.float64] | None = None
+    normals: NDArray[np.floating] | None = None
     colors: NDArray[np.float64] | None = None
     parts: tuple[Part, ...] = ()
     rest: NDArray[np.float64] | None = None
-    soft: NDArray[np.float64] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
+    soft: NDArray[np.floating] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
 
 
 def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
@@ -87,8 +87,8 @@ def _painted(s: Surface) -> NDArray[np.float64]:
 class Soup:
     """All surfaces as one list of triangles, near the origin, in float32.
 
-    Attributes: vertices (V,3), triangles (T,3), faces (T,3) unit normals, corners (T,3,15): position, normal, normal of
-    the smoothed surface, linear colour and position at rest at each corner; part (T,) into `parts`; and per part kind,
+    Attributes: vertices (V,3), triangles (T,3), faces (T,3) unit normals, corners (T,3,15): position, normal, linear
+    colour, normal of the smoothed surface and position at rest at each corner; part (T,) into `parts`; and per part kind,
     roughness, metallic, opacity, crowns (P,3).
     """
 
@@ -111,7 +111,7 @@ class Soup:
             rest = v if s.rest is None else np.asarray(s.rest)
             normals = given[t] if given.ndim == 2 else given
             soft = softened(smooth, t) if s.soft is None else s.soft
-            corners.append(np.concatenate([v[t], normals, soft[t], color, rest[t]], -1, dtype=np.float32))
+            corners.append(np.concatenate([v[t], normals, color, soft[t], rest[t]], -1, dtype=np.float32))
             vertices.append(v)
             triangles.append(t + start)
             part.append(which + len(self.parts))

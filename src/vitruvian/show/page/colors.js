@@ -19,7 +19,7 @@ export const toLinear = (x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055)
 /** 256 sRGB colours from dark violet over teal to light yellow; lightness rises evenly. */
 export const RAMP = Array.from({ length: 256 }, (_, i) => {
   const t = i / 255;
-  return oklch(0.27 + 0.66 * t, 0.115 + 0.03 * Math.sin(Math.PI * t), 292 - 187 * t);
+  return oklch(0.3 + 0.63 * t, 0.115 + 0.03 * Math.sin(Math.PI * t), 292 - 187 * t);
 });
 
 export const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")})`;

@@ -275,10 +275,19 @@ function blend(skin, rest, out, outN, karcher) {
         const lx = 2 * (rw * sx - sw * rx + ry * sz - rz * sy);
         const ly = 2 * (rw * sy - sw * ry + rz * sx - rx * sz);
         const lz = 2 * (rw * sz - sw * rz + rx * sy - ry * sx);
-        const n = Math.sqrt(rx * rx + ry * ry + rz * rz);
-        const th = 2 * Math.atan2(n, rw), f = n < 1e-9 ? 2 : th / n;
-        const ox = f * rx, oy = f * ry, oz = f * rz, half = th / 2;
-        const kk = th < 1e-2 ? 1 / 12 + th * th / 720 : (1 - half * rw / n) / (th * th);
+        // f = angle / |r|, kk = (1 - (angle/2) cot(angle/2)) / angle^2; series in tt = tan^2(angle/2) up to 33 degrees
+        const nn = rx * rx + ry * ry + rz * rz, tt = nn / (rw * rw);
+        let f, kk;
+        if (tt < 0.09) {
+          const tail = 1 / 3 - tt * (1 / 5 - tt * (1 / 7 - tt * (1 / 9 - tt * (1 / 11 - tt / 13)))), p = 1 - tt * tail;
+          f = 2 * p / rw;
+          kk = tail / (4 * p * p);
+        } else {
+          const n = Math.sqrt(nn), angle = 2 * Math.atan2(n, rw);
+          f = angle / n;
+          kk = (1 - angle * rw / (2 * n)) / (angle * angle);
+        }
+        const ox = f * rx, oy = f * ry, oz = f * rz;
         const cx = oy * lz - oz * ly, cy = oz * lx - ox * lz, cz = ox * ly - oy * lx;
         wx += u * ox; wy += u * oy; wz += u * oz;
         vx += u * (lx - 0.5 * cx + kk * (oy * cz - oz * cy));
@@ -287,8 +296,10 @@ function blend(skin, rest, out, outN, karcher) {
       }
       const s = wx * wx + wy * wy + wz * wz;
       let A, B, C;
-      if (s < 1e-2) {
-        A = 1 - s / 6 * (1 - s / 20); B = 0.5 - s / 24 * (1 - s / 30); C = 1 / 6 - s / 120 * (1 - s / 42);
+      if (s < 0.25) {
+        A = 1 - s * (1 / 6 - s * (1 / 120 - s / 5040));
+        B = 1 / 2 - s * (1 / 24 - s * (1 / 720 - s / 40320));
+        C = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880));
       } else {
         const th = Math.sqrt(s), h = Math.sin(th / 2);
         A = Math.sin(th) / th; B = 2 * h * h / s; C = (1 - A) / s;

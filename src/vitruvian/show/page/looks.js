@@ -18,10 +18,10 @@ export function material(part, painted) {
   };
   if (glossy) {
     const wet = { roughness: Math.min(options.roughness, 0.22), clearcoat: 1, clearcoatRoughness: 0.03, envMapIntensity: 1.1 };
-    return lit(new THREE.MeshPhysicalMaterial({ ...options, ...wet }), [0.1, 0.1, 0.1]);
+    return lit(new THREE.MeshPhysicalMaterial({ ...options, ...wet }), [0.1, 0.1, 0.1], 0.5, true);
   }
   const made = new THREE.MeshStandardMaterial(options);
-  if (!skin) return lit(made, hair ? [0.12, 0.09, 0.06] : [0.06, 0.06, 0.06]);
+  if (!skin) return hair ? lit(made, [0.3, 0.22, 0.16], 0.7) : lit(made, [0.08, 0.08, 0.08]);
   made.roughness = Math.min(Math.max(options.roughness, 0.42), 0.62);
   return lit(made, [0.34, 0.13, 0.08]);
 }
@@ -30,16 +30,17 @@ export function material(part, painted) {
  * Let light wrap around the edge of the lit side, more of it in the red, which is what light under the skin looks like;
  * and keep ambient light out of folds by the `openness` of each vertex.
  */
-function lit(made, [r, g, b]) {
+function lit(made, [r, g, b], floor = 0.25, wet = false) {
   const wrap = `vec3(${r.toFixed(3)}, ${g.toFixed(3)}, ${b.toFixed(3)})`;
   made.onBeforeCompile = (shader) => {
     const change = (kind, from, to) => { shader[kind] = shader[kind].replace(from, to); };
-    change("vertexShader", "void main() {", "attribute float openness; varying float open;\nvoid main() {\n open = openness;");
-    change("fragmentShader", "void main() {", "varying float open;\nvoid main() {");
+    change("vertexShader", "void main() {", "attribute float openness; varying float openness_;\nvoid main() {\n openness_ = openness;");
+    change("fragmentShader", "void main() {", "varying float openness_;\nvoid main() {");
     change("fragmentShader", "#include <aomap_fragment>", `#include <aomap_fragment>
+      float open = max(openness_, ${floor.toFixed(2)}), shine = ${wet ? "1.0" : "open"};
       vec3 bounce = vec3(open) / (1.0 - diffuseColor.rgb * 0.7 * (1.0 - open)); // light between near surfaces takes their colour
-      reflectedLight.indirectDiffuse *= bounce; reflectedLight.indirectSpecular *= open;
-      reflectedLight.directDiffuse *= mix(vec3(1.0), bounce, 0.6); reflectedLight.directSpecular *= open;`);
+      reflectedLight.indirectDiffuse *= bounce; reflectedLight.indirectSpecular *= shine;
+      reflectedLight.directDiffuse *= mix(vec3(1.0), bounce, 0.6); reflectedLight.directSpecular *= shine;`);
     const chunk = THREE.ShaderChunk.lights_physical_pars_fragment, plain = "vec3 irradiance = dotNL * directLight.color;";
     if (!chunk.includes(plain)) return; // another three.js: it still looks right, only less warm
     const soft = `vec3 sharp = dotNL * directLight.color; float facing = dot(geometryNormal, directLight.direction);
@@ -47,7 +48,7 @@ function lit(made, [r, g, b]) {
     change("fragmentShader", "#include <lights_physical_pars_fragment>",
       chunk.replace(plain, soft).replaceAll("reflectedLight.directSpecular += irradiance *", "reflectedLight.directSpecular += sharp *"));
   };
-  made.customProgramCacheKey = () => wrap;
+  made.customProgramCacheKey = () => `${wrap} ${floor} ${wet}`;
   return made;
 }
 

@@ -166,7 +166,7 @@ class Page {
     const figure = this.figure;
     if (figure && this.arrived) {
       figure.group.updateMatrixWorld(true);
-      if (figure.isBody) this.studio.track(figure.jointPosition(root(figure)), this.changed ? dt : 0);
+      if (figure.isBody) this.studio.track(figure.jointPosition(root(figure)), dt, this.header.playing);
       this.rebase();
     }
     if (this.changed) {
@@ -308,7 +308,7 @@ class Page {
     const f = this.figure, j = f?.joints?.findIndex((n) => /skullbase|^head$/i.test(n)) ?? -1;
     if (j < 0) return null;
     const p = f.jointPosition(j), high = this.studio.box.high[1], low = this.studio.box.low[1];
-    return p.add(new THREE.Vector3(0, 0.035 * (high - low), 0.04));
+    return p.add(new THREE.Vector3(0, 0.022 * (high - low), 0.04));
   }
 
   setDeformer(name) {

@@ -82,8 +82,8 @@ export class Studio {
     this.key = lamp("#fff0de", 2.7, 2.1, 2.7, 2.3);
     this.fill = lamp("#cfe0ff", 0.35, -3, 1.2, 2.2);
     this.rim = lamp("#ffffff", 1.9, -1.7, 2.6, -3);
-    this.kick = lamp("#ffe6d0", 0.8, 2.6, 1.2, -2.4);
-    for (const l of [this.key, this.fill, this.rim, this.kick]) l.position.copy(l.userData.from);
+    this.spark = lamp("#ffffff", 0.3, 0.8, 0.95, 3.3); // near the camera: what shines in the eyes
+    for (const l of [this.key, this.fill, this.rim, this.spark]) l.position.copy(l.userData.from);
     const { shadow } = this.key;
     shadow.mapSize.set(1536, 1536);
     Object.assign(shadow.camera, { left: -1.3, right: 1.3, top: 1.5, bottom: -1.5, near: 0.5, far: 9 });
@@ -224,19 +224,21 @@ export class Studio {
   }
 
   /** Move the camera along with the point that is followed. */
-  track(point, dt) {
+  track(point, dt, playing) {
     if (!this.followed) { this.followed = point.clone(); this.pace = new THREE.Vector3(); return; }
     const step = point.clone().sub(this.followed);
     step.y = Math.abs(step.y) > 0.5 ? step.y : 0; // bobbing is the figure's, not the camera's
+    if (!playing) this.pace.set(0, 0, 0);
+    if (!playing && step.length() < 1e-4) return;
     if (step.length() > 1) this.pace.set(0, 0, 0); // a cut: go there at once
     else { // an alpha-beta filter: smooth, and without lag behind a steady walk
       const a = 1 - Math.exp(-3.5 * dt), error = step.addScaledVector(this.pace, -dt);
       const move = this.pace.clone().multiplyScalar(dt).addScaledVector(error, a);
-      if (dt > 0) this.pace.addScaledVector(error, (a * a) / (2 - a) / dt);
+      if (dt > 0 && playing) this.pace.addScaledVector(error, (a * a) / (2 - a) / dt);
       step.copy(move);
     }
     this.followed.add(step);
-    if (this.follow) this.shift(step);
+    if (this.follow) { this.shift(step); this.stale = true; }
   }
 
   shift(step) {
@@ -281,7 +283,7 @@ export class Studio {
     if (!moved && !force && !this.stale) return false;
     this.stale = false;
     const middle = this.followed ?? this.controls.target;
-    for (const l of [this.key, this.fill, this.rim, this.kick]) {
+    for (const l of [this.key, this.fill, this.rim, this.spark]) {
       l.target.position.set(middle.x, 0.9, middle.z);
       l.position.copy(l.userData.from).add(l.target.position);
     }

@@ -1,0 +1,71 @@
+"""The compiled kernels. Arrays are C-contiguous and belong to the caller; see src/native and vitruvian.deform.bind."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Single = NDArray[np.float32]
+Double = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bytes = NDArray[np.uint8]
+
+def instruction_set() -> str:
+    """ "base" or "v3": which build of the kernels is in use."""
+
+def use_instruction_set(name: str) -> None:
+    """Chooses a build; ValueError where the processor or the build has no such one."""
+
+def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> Double: ...
+def forward_kinematics(
+    parent: Ints,
+    center: Double,
+    rotation: Double,
+    translation: Double,
+    root: Double | None,
+    stretch: Double | None,
+    binding: Double | None,
+    out: Double,
+    threads: int = 0,
+) -> None: ...
+def linear_table(matrices: Double) -> Single:
+    """(F,J,4,4) to (F,J,16): M - I by columns of four."""
+
+def linear(
+    table: Single,
+    rest: Single,
+    joint: Ints,
+    weight: Single,
+    row: Ints | None,
+    target: Ints | None,
+    influences: int,
+    count: int,
+    out: Single,
+    threads: int = 0,
+) -> None: ...
+def touch(table: Single | None, rest: Single, joint: Ints, weight: Single, out: Single, threads: int = 0) -> None:
+    """The loads and stores of `linear` with four influences, for benchmarks."""
+
+def deviation(matrices: Double) -> float:
+    """How far the 3x3 parts of (F,J,4,4) are from rotations; 2 or more where one mirrors."""
+
+def dual_table(matrices: Double, tree: Ints, left: Ints, follow: bool) -> tuple[Single, Bytes]:
+    """Rigid (F,J,4,4) to dual quaternions (F,J+1,8) with agreeing signs, and (F,) whether all pairs agree."""
+
+def rigid(
+    table: Single,
+    steps: int,
+    agree: Bytes | None,
+    bases: Single | None,
+    base: Ints | None,
+    rest: Single,
+    joint: Ints,
+    weight: Single,
+    uniform: Bytes,
+    target: Ints | None,
+    count: int,
+    mix: Single | None,
+    out: Single,
+    threads: int = 0,
+) -> None: ...
+def normals(
+    points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0
+) -> None: ...
