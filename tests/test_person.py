@@ -100,7 +100,7 @@ def test_centres_scale_with_the_body():
 
 
 def test_smooth_where_it_should_be():
-    """The detail of the source is gone: the chest lies within 1.5 mm of a quadric over each 25 mm disc about a thelion."""
+    """The detail of the source is gone: the chest lies within 2 mm of a quadric over each 25 mm disc about a thelion."""
     rng = np.random.default_rng(3)
     for _ in range(40):
         gender, muscle, weight, cup = rng.uniform(0, 1, 4)
@@ -112,7 +112,7 @@ def test_smooth_where_it_should_be():
         u, v, height = (near @ axes.T).T
         quadric = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
         rest = height - quadric @ np.linalg.lstsq(quadric, height, rcond=None)[0]
-        assert np.abs(rest).max() < 0.0015
+        assert np.abs(rest).max() < 0.002
 
 
 def test_pack_fits_its_budget():
