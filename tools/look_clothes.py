@@ -127,6 +127,7 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
                     0.017 - np.abs(np.abs(q[:, 0]) - centers["l_metatarsophalangeal_2"][0]),
                     0.004 * np.sin(q[:, 2] * 2 * np.pi / 0.019) - 0.0012,
                     0.5 * (q[:, 2] - 0.035),
+                    high - q[:, 1] + 0.25 * np.maximum(q[:, 2] - 0.09, 0) - 0.010,
                     0.5 * (0.118 - q[:, 2]),
                     0.5 * (q[:, 1] - ground - 0.035),
                 ]

@@ -156,7 +156,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     def top(d: Array) -> Array:
         return np.clip((angles(d)[1] - 25) / 45, 0, 1)
 
-    start = scattered(1900, 2)
+    start = scattered(1250, 2)
     start = start[above_line(start) > 1.0]
     away = start - whorl * (start @ whorl)[:, None]
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
@@ -186,7 +186,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     )
     lift = lift * rng.uniform(0.72, 1.2, (len(d), 1)) + 0.0012
     lines = foot.reshape(d.shape) + d * lift[..., None]
-    width = 0.0068 * np.interp(t, [0, 0.25, 0.7, 1], [0.55, 1, 0.85, 0.15]) * rng.uniform(0.7, 1.15, (len(d), 1))
+    width = 0.0082 * np.interp(t, [0, 0.25, 0.7, 1], [0.55, 1, 0.85, 0.15]) * rng.uniform(0.7, 1.15, (len(d), 1))
     shade = rng.uniform(0.72, 1.18, (len(d), 1)) * np.interp(t, [0, 0.5, 1], [0.72, 1.0, 1.12])
     hair = bound(skin, lines, d, width, 0.0016, shade)
     base = cap(points, triangles, ears, lambda u: 0.0022 + 0.0062 * top(u))

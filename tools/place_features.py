@@ -13,8 +13,40 @@ import numpy as np
 
 from vitruvian.hanim import tables
 from vitruvian.modeling import anatomy, source
+from vitruvian.modeling.look import mask
 from vitruvian.modeling.person import assemble, rested
 from vitruvian.modeling.shape import Shape, shaped
+
+
+def shapes_of_the_face(body: np.ndarray, middle: np.ndarray) -> dict[str, int]:
+    """Points that the form of the body itself shows: extremes of the face, the skull, the chest and the crotch."""
+    eye = body[mask("eyelids") > 0.5]
+    eye_y = float(eye[:, 1].mean())
+    x, y, z = body.T
+    height = float(np.ptp(y))
+
+    def most(value: np.ndarray, where: np.ndarray) -> int:
+        if not where.any():
+            raise SystemExit("error: no vertex where a feature point should be")
+        return int(np.argmax(np.where(where, value, -np.inf)))
+
+    front = middle & (z > eye[:, 2].min() - 0.02)
+    face = front & (np.abs(y - eye_y) < 0.14)
+    outer = mask("inside-mouth") < 0.1
+    out = {
+        "skull_vertex": most(y, middle),
+        "sellion": most(-z, face & (np.abs(y - eye_y - 0.004) < 0.012)),
+        "glabella": most(z, face & (np.abs(y - eye_y - 0.022) < 0.010)),
+        "menton": most(-y, face & outer & (y > eye_y - 0.135) & (z > eye[:, 2].min() - 0.01)),
+        "opisthocranion": most(-z, middle & (y > eye_y - 0.02)),
+        "l_ectocanthus": most(x, (mask("eyelids") > 0.3) & (x > 0) & (np.abs(y - eye_y) < 0.006)),
+        "l_tragion": most(z, (mask("ears") > 0.6) & (x > 0) & (np.abs(y - eye_y + 0.016) < 0.008)),
+        "crotch": most(-y, middle & (np.abs(y - 0.47 * height) < 0.06) & (np.abs(z) < 0.06)),
+        "l_thelion": most(z, (x > 0.045) & (x < 0.13) & (y > 0.68 * height) & (y < 0.76 * height)),
+    }
+    chin = body[out["menton"], 1]
+    out["supramenton"] = most(-z, face & outer & (np.abs(y - chin - 0.026) < 0.009))
+    return out
 
 
 def main() -> None:
@@ -30,6 +62,8 @@ def main() -> None:
     strongest = weights.top(1)[0][: source.BODY, 0]
     mirror = source.array("mirror")
     places: dict[str, int] = {}
+    middle = mirror[: source.BODY] == np.arange(source.BODY)
+    seen = shapes_of_the_face(body, middle)
     for name, point in tables.feature_points().items():
         if point.position is None or name.startswith("r_"):
             continue
@@ -40,7 +74,13 @@ def main() -> None:
         wanted = centers[names.index(anchor)] + scale * (np.array(point.position) - defaults[anchor])
         near = {joint, anchor, table[joint].parent} | {n for n, e in table.items() if e.parent == joint}
         mine = np.isin(strongest, [names.index(n) for n in near if n])
+        if not name.startswith("l_"):
+            mine &= middle
         vertex = int(np.argmin(np.where(mine, np.linalg.norm(body - wanted, axis=1), np.inf)))
+        places[name] = vertex
+        if name.startswith("l_"):
+            places["r_" + name[2:]] = int(mirror[vertex])
+    for name, vertex in seen.items():
         places[name] = vertex
         if name.startswith("l_"):
             places["r_" + name[2:]] = int(mirror[vertex])

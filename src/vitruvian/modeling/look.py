@@ -219,7 +219,7 @@ def source_part(name: str, rows: slice, color: Color, roughness: float, points: 
     index = np.arange(rows.start, rows.stop)
     parents = csr_matrix((np.ones(len(index)), (np.arange(len(index)), index)), (len(index), source.POINTS))
     triangles = (source.array(f"{name}_triangles") - rows.start).astype(np.int32)
-    back = np.array([0.0, 0.0, -0.003 if name == "teeth" else 0.0])  # the lips do not quite close over them
+    back = np.array([0.0, 0.0, -0.006 if name == "teeth" else 0.0])  # the lips do not quite close over them
     return LookPart(name, points[rows] + back, triangles, np.tile(color, (len(index), 1)), parents, roughness)
 
 
@@ -250,7 +250,7 @@ def look_parts(
         eyes_part(points, named(eye_color, EYES, "eye_color"), seed),
         fine_part("brows", points, (float(brow[0]), float(brow[1]), float(brow[2]))),
         fine_part("lashes", points, (0.06, 0.045, 0.04)),
-        source_part("teeth", source.TEETH, (0.80, 0.76, 0.69), 0.25, points),
+        source_part("teeth", source.TEETH, (0.74, 0.70, 0.63), 0.25, points),
         source_part("tongue", source.TONGUE, (0.72, 0.36, 0.35), 0.4, points),
     ]
     if hair != "none":

@@ -192,6 +192,9 @@ def _weight_matrix() -> csr_matrix:
     skull = anatomy.names().index("skullbase")
     empty = np.flatnonzero(w.counts == 0)
     matrix[empty, skull] = 1.0
+    for side, rows in (("l_", range(14598, 14670)), ("r_", range(14670, 14742))):  # eyeballs are rigid
+        matrix[rows.start : rows.stop] = 0
+        matrix[rows.start : rows.stop, anatomy.names().index(side + "eyeball_joint")] = 1.0
     return matrix.tocsr()
 
 
