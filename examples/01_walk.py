@@ -8,10 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import vitruvian as vt
 from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm
 from vitruvian.show.picture import picture
-
-import vitruvian as vt
 
 
 def main(out: Path = Path("out/examples")) -> None:

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from vitruvian.motion.contacts import foot_slide_mm
-from vitruvian.show.picture import picture
 
 import vitruvian as vt
+from vitruvian.motion.contacts import foot_slide_mm
+from vitruvian.show.picture import picture
 
 RIG = {  # name: (parent, offset in centimetres); arms stretched out as in many capture rigs
     "Hips": ("", (0, 95, 0)),

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from vitruvian.show.picture import picture
 
 import vitruvian as vt
 from vitruvian.body.types import Body, Skeleton, Skin, Weights
+from vitruvian.show.picture import picture
 
 RINGS, POINTS = 81, 64
 

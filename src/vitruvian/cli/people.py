@@ -31,6 +31,9 @@ def person(
     muscle: float = typer.Option(0.5, min=0, max=1, help="From 0 (slack) to 1 (muscular)."),
     measure: list[str] = typer.Option([], "--measure", metavar="NAME=CM", help="A measure in cm; may be repeated."),
     loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),
+    hair: str | None = typer.Option(None, help="short, bob, bun or none (default: by gender)."),
+    outfit: str | None = typer.Option(None, help='"t-shirt and shorts", "t-shirt and trousers" or none (underwear).'),
+    tone: str | None = typer.Option(None, help="Skin tone: fair, light, medium, tan, brown, dark, ... or 0 to 1."),
     as_json: bool = Json,
 ) -> None:
     """Make the built-in person and write it to a file."""
@@ -43,14 +46,29 @@ def person(
         sex = names[gender] if gender in names else float(gender)
     except ValueError:
         raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
+    wanted = {"hair": hair, "outfit": outfit, "tone": _number_or_name(tone)}
     humanoid = make(
-        gender=sex, age=age, height=height, weight=weight, muscle=muscle, measures=_measures(measure) or None, loa=loa
+        gender=sex,
+        age=age,
+        height=height,
+        weight=weight,
+        muscle=muscle,
+        measures=_measures(measure) or None,
+        loa=loa,
+        **{k: v for k, v in wanted.items() if v is not None},
     )
     save(humanoid, out)
     facts = report(humanoid)
     text = f"wrote {out}: {facts['height_m']:.2f} m, {facts['mass_kg']:.0f} kg"
     text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in facts["measures"].items())
     emit(facts, text, as_json)
+
+
+def _number_or_name(text: str | None) -> float | str | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
 
 
 def _measures(items: list[str]) -> dict[str, float]:
