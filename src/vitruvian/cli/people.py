@@ -46,7 +46,8 @@ def person(
         sex = names[gender] if gender in names else float(gender)
     except ValueError:
         raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
-    wanted = {"hair": hair, "outfit": outfit, "tone": _number_or_name(tone)}
+    look = {"hair": hair, "outfit": outfit, "skin_tone": _number_or_name(tone)}
+    look = {k: None if (k, v) == ("outfit", "none") else v for k, v in look.items() if v is not None}
     humanoid = make(
         gender=sex,
         age=age,
@@ -55,7 +56,7 @@ def person(
         muscle=muscle,
         measures=_measures(measure) or None,
         loa=loa,
-        **{k: v for k, v in wanted.items() if v is not None},
+        **look,
     )
     save(humanoid, out)
     facts = report(humanoid)

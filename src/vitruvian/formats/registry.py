@@ -25,6 +25,8 @@ SCENES = {
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".obj": ("obj", "read_obj"),
+    ".ply": ("obj", "read_mesh"),
+    ".stl": ("obj", "read_mesh"),
 }
 WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj")
 
@@ -126,7 +128,7 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
-        report["lost"] += write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     else:
