@@ -32,7 +32,7 @@ def person(
     measure: list[str] = typer.Option([], "--measure", metavar="NAME=CM", help="A measure in cm; may be repeated."),
     loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),
     hair: str | None = typer.Option(None, help="short, bob, bun or none (default: by gender)."),
-    outfit: str | None = typer.Option(None, help='"t-shirt and shorts", "t-shirt and trousers" or none (underwear).'),
+    outfit: str | None = typer.Option(None, help='"t-shirt and shorts", "t-shirt and trousers" or "body suit".'),
     tone: str | None = typer.Option(None, help="Skin tone: fair, light, medium, tan, brown, dark, ... or 0 to 1."),
     as_json: bool = Json,
 ) -> None:
@@ -47,7 +47,7 @@ def person(
     except ValueError:
         raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
     look = {"hair": hair, "outfit": outfit, "skin_tone": _number_or_name(tone)}
-    look = {k: None if (k, v) == ("outfit", "none") else v for k, v in look.items() if v is not None}
+    look = {k: v for k, v in look.items() if v is not None}
     humanoid = make(
         gender=sex,
         age=age,
