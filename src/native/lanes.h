@@ -21,7 +21,7 @@
 
 namespace vt::VT_NS {
 
-#if defined(__GNUC__) || defined(__clang__)
+#if (defined(__GNUC__) || defined(__clang__)) && !defined(VT_PLAIN)  // VT_PLAIN: to test the loops
 #define VT_VECTORS 1
 typedef float f4 __attribute__((vector_size(16)));
 typedef float f8 __attribute__((vector_size(32)));
@@ -91,7 +91,7 @@ static inline f8 load8(const float* p) {
 static inline void store4(float* p, f4 v) { memcpy(p, &v, sizeof v); }
 static inline void store8(float* p, f8 v) { memcpy(p, &v, sizeof v); }
 
-#if defined(__AVX__)
+#if defined(VT_VECTORS) && defined(__AVX__)
 static inline f8 root(f8 x) { return _mm256_sqrt_ps(x); }
 static inline bool any_below(f8 x, float limit) { return _mm256_movemask_ps(x - limit) != 0; }
 #else
