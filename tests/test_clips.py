@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from figures import figure
+from skeletons import figure
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.clips import mirror, repeat, resample, sample, trim
 from vitruvian.motion.gait import walk

@@ -8,7 +8,7 @@ length). Frames: humanoid space, Y up; A is the turn that brings the target at r
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, in_units, legs, standing, units_per_metre
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import Foothold, footholds, plant
 from vitruvian.motion.names import FINGER_JOINTS, NECK, SPINE, VERTEBRAE, joint_index, match
@@ -101,6 +101,11 @@ def retarget(
     target = joint_index(skeleton.names)
     if "l_hip" not in target and "humanoid_root" not in target:
         raise VitruvianError("skeleton: expected H-Anim joint names (humanoid_root, l_hip, ...), found none")
+    unit = units_per_metre(skeleton)
+    if unit != 1.0:
+        keys: dict = {"names": names, "feet": feet, "twist_to_elbow": twist_to_elbow}
+        out = retarget(motion, in_units(skeleton, 1 / unit), **keys, root=root, rest_frame=rest_frame)
+        return replace(out, skeleton=skeleton, translation=out.translation * unit)
     source, notes = _source(motion, names, rest_frame)
     facing = _facing(source)
     align = _alignment(source, skeleton, target, facing)
@@ -428,6 +433,7 @@ def _along(points: Floats, arms: int) -> Floats:
     CMU's conversions have dropped the length of the chest; it gets the mean of the bones below.
     """
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    arms = min(arms, len(length) - 1)
     if length[arms] < 1e-6 and arms > 0:
         length[arms] = length[:arms].sum() / max(1, np.count_nonzero(length[:arms] > 1e-6))
     ends = np.cumsum(length)
