@@ -94,12 +94,13 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         # without a toe joint the foot is one stiff piece that rolls over its tip
         ball = c[middle] if middle is not None else c[ankle] + [0.0, 0.0, 0.09 * size]
         tip = sites.get(f"{side}_tarsal_distal_phalanx_2")
+        tip = None if tip is None else tip + [0.0, 0.0, 0.008]  # the great toe, or a shoe, is a little longer
         heel = sites.get(f"{side}_calcaneus_posterior")
         if middle is None:
             tip = ball if tip is None else tip
             ball = tip
         tip = ball + [0.0, 0.0, 0.03 * size] if tip is None else tip
-        heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.01]
+        heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.004]
         points = [np.array([p[0], floor, p[2]]) for p in (heel, ball, tip)]
         points[0][0] = c[ankle][0]
         front = ankle if middle is None else int(middle)
