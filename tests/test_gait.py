@@ -7,8 +7,9 @@ import pytest
 
 from skeletons import figure, scaled_legs
 from vitruvian.body.rotations import rotate, to_vector
+from vitruvian.body.types import Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm, legs, sole_points
+from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm, in_units, legs, sole_points
 from vitruvian.motion.gait import walk
 from vitruvian.motion.idle import idle
 from vitruvian.motion.turns import positions, world_rotations
@@ -147,3 +148,21 @@ def test_requests_that_make_no_sense():
         idle(figure(2), seconds=1)
     with pytest.raises(VitruvianError, match="both legs"):
         walk(figure(0))
+
+
+def test_figures_in_other_units_walk_alike():
+    """A figure built in centimetres gets the same turns and a way in its own units."""
+    metres = walk(figure(2))
+    centimetres = walk(in_units(figure(2), 100.0))
+    assert np.abs(np.sum(metres.rotation * centimetres.rotation, axis=-1)).min() > 0.999
+    assert foot_slide_mm(centimetres) < 0.5 and floor_penetration_mm(centimetres) < 0.5
+    assert centimetres.skeleton.centers[0, 1] > 50 and np.ptp(centimetres.translation[:, 2]) > 50
+
+
+def test_a_foot_without_toes_rolls_over_its_tip():
+    plain = figure(1)
+    keep = [i for i, n in enumerate(plain.names) if "metatarsophalangeal" not in n]
+    parents = [-1 if plain.parents[i] < 0 else keep.index(plain.parents[i]) for i in keep]
+    stiff = Skeleton(tuple(plain.names[i] for i in keep), np.array(parents), plain.centers[keep])
+    motion = walk(stiff, fps=60)
+    assert foot_slide_mm(motion) < 1 and floor_penetration_mm(motion) < 1

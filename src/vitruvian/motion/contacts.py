@@ -55,6 +55,27 @@ def floor_at_rest(skeleton: Skeleton) -> float:
     return 0.0 if -0.03 * size < low < 0.1 * size else low
 
 
+def units_per_metre(skeleton: Skeleton) -> float:
+    """1 for a figure in metres; else what makes its legs those of a person: cm, mm, dm, inches or, failing those, 0.85 m.
+
+    Some files build in centimetres or units of their own and scale the Humanoid.
+    """
+    index, c = joint_index(skeleton.names), skeleton.centers
+    if not all(f"l_{n}" in index for n in ("hip", "knee", "talocrural")):
+        return 1.0
+    hip, knee, ankle = (c[index[f"l_{n}"]] for n in ("hip", "knee", "talocrural"))
+    length = float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
+    if 0.2 < length < 1.8 or length < 1e-9:
+        return 1.0
+    return next((u for u in (100.0, 1000.0, 10.0, 1 / 0.0254) if 0.6 < length / u < 1.1), length / 0.85)
+
+
+def in_units(skeleton: Skeleton, factor: float) -> Skeleton:
+    """The same skeleton with all lengths times `factor`."""
+    lengths = {name: getattr(skeleton, name) * factor for name in ("centers", "translation", "site_points")}
+    return replace(skeleton, **lengths)
+
+
 def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
     """The legs that have hip, knee and ankle. With `body`, the soles are those of its skin."""
     index = joint_index(skeleton.names)
@@ -70,11 +91,16 @@ def legs(skeleton: Skeleton, body: Body | None = None) -> tuple[Leg, ...]:
         toes = tuple(index[n] for k in range(1, 6) if (n := f"{side}_metatarsophalangeal_{k}") in index)
         c = skeleton.centers
         middle = index.get(f"{side}_metatarsophalangeal_2", toes[0] if toes else None)
-        ball = c[middle] if middle is not None else c[ankle] + [0.0, 0.0, 0.075 * size]
+        # without a toe joint the foot is one stiff piece that rolls over its tip
+        ball = c[middle] if middle is not None else c[ankle] + [0.0, 0.0, 0.09 * size]
         tip = sites.get(f"{side}_tarsal_distal_phalanx_2")
+        tip = None if tip is None else tip + [0.0, 0.0, 0.008]  # the great toe, or a shoe, is a little longer
         heel = sites.get(f"{side}_calcaneus_posterior")
+        if middle is None:
+            tip = ball if tip is None else tip
+            ball = tip
         tip = ball + [0.0, 0.0, 0.03 * size] if tip is None else tip
-        heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.01]
+        heel = c[ankle] - [0.0, 0.0, 0.03 * size] if heel is None else heel + [0.0, 0.0, 0.004]
         points = [np.array([p[0], floor, p[2]]) for p in (heel, ball, tip)]
         points[0][0] = c[ankle][0]
         front = ankle if middle is None else int(middle)
@@ -154,7 +180,7 @@ def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def sole_points(motion: Motion, body: Body | None = None) -> Floats:
     """Paths (F,n,3) of heel, ball and toe tip of each leg, in metres over the floor (y = 0 is the floor at rest)."""
-    skeleton = motion.skeleton
+    skeleton, unit = motion.skeleton, units_per_metre(motion.skeleton)
     world = world_rotations(skeleton.parents, motion.rotation)
     place = positions(skeleton.parents, skeleton.centers, world, motion.translation, motion.joint_translation)
     out = []
@@ -163,7 +189,7 @@ def sole_points(motion: Motion, body: Body | None = None) -> Floats:
             out.append(place[:, joint] + rotate(world[:, joint], point - skeleton.centers[joint]))
     if not out:
         return np.zeros((len(motion), 0, 3))
-    return np.stack(out, axis=1) - [0.0, floor_at_rest(skeleton), 0.0]
+    return (np.stack(out, axis=1) - [0.0, floor_at_rest(skeleton), 0.0]) / unit
 
 
 def foot_slide_mm(motion: Motion, body: Body | None = None, *, touch: float = 0.005) -> float:

@@ -10,7 +10,7 @@ the floor, rolled over heel, ball and toes, and the legs solved to reach them, s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from vitruvian.body.rotations import multiply, rotate
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, below, floor_at_rest, legs
+from vitruvian.motion.contacts import Leg, below, floor_at_rest, in_units, legs, units_per_metre
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import compose, smooth, two_bone
 from vitruvian.motion.names import joint_index
@@ -93,6 +93,11 @@ def walk(
     Planted feet neither slide nor sink. Joints that the skeleton lacks leave their part to the next one towards the
     root.
     """
+    unit = units_per_metre(skeleton)
+    if unit != 1.0:
+        keys: dict = {"speed": speed, "stride": stride, "fps": fps, "cycles": cycles, "in_place": in_place}
+        out = walk(in_units(skeleton, 1 / unit), **keys)
+        return replace(out, skeleton=skeleton, translation=out.translation * unit)
     limbs = legs(skeleton)
     index = joint_index(skeleton.names)
     if len(limbs) != 2 or "humanoid_root" not in index:

@@ -7,13 +7,14 @@ centimetres over several seconds, blinks of about 0.15 s every two to four secon
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vitruvian.body.rotations import from_vector, multiply, rotate, to_vector
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, below, legs
+from vitruvian.motion.contacts import Leg, below, in_units, legs, units_per_metre
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import smooth, two_bone
 from vitruvian.motion.names import joint_index
@@ -32,6 +33,10 @@ def idle(skeleton: Skeleton, *, seconds: float = 8, fps: float = 30, blink: Sequ
         raise VitruvianError(f"seconds: expected at least 4 for one breath, found {seconds}")
     if not 10 <= fps < 10000:
         raise VitruvianError(f"fps: expected at least 10 frames per second, found {fps}")
+    unit = units_per_metre(skeleton)
+    if unit != 1.0:
+        out = idle(in_units(skeleton, 1 / unit), seconds=seconds, fps=fps, blink=blink)
+        return replace(out, skeleton=skeleton, translation=out.translation * unit)
     limbs, index = legs(skeleton), joint_index(skeleton.names)
     if "humanoid_root" not in index:
         raise VitruvianError("skeleton: expected a joint humanoid_root to stand")

@@ -8,73 +8,23 @@ length). Frames: humanoid space, Y up; A is the turn that brings the target at r
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
-from vitruvian.body.rotations import between, from_matrix, inverse, multiply, rotate, slerp
+from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, legs, standing
+from vitruvian.motion.contacts import Leg, floor_at_rest, in_units, legs, standing, units_per_metre
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import Foothold, footholds, plant
-from vitruvian.motion.names import FINGER_JOINTS, NECK, SPINE, VERTEBRAE, joint_index, match
+from vitruvian.motion.names import FINGER_JOINTS, VERTEBRAE, joint_index
+from vitruvian.motion.source import Source, facing_of, source_of
 from vitruvian.motion.turns import about, frame, local_rotations, positions, twist, unit, world_rotations
 from vitruvian.motion.types import Motion
 
 UP = np.array([0.0, 1.0, 0.0])
 FINGERS = [n for joints in FINGER_JOINTS.values() for n in joints] + [f"carpometacarpal_{k}" for k in range(2, 6)]
-
-
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """The clip to be carried over: who is who, rest positions (J,3), turns from rest (F,J,4), positions (F,J,3)."""
-
-    skeleton: Skeleton
-    index: dict[str, int]
-    trunk: tuple[int, ...]  # joints that are no particular vertebra
-    rest: Floats
-    turn: Floats
-    place: Floats
-    fps: float
-
-    @cached_property
-    def children(self) -> list[list[int]]:
-        out: list[list[int]] = [[] for _ in self.skeleton.names]
-        for j, p in enumerate(self.skeleton.parents):
-            if p >= 0:
-                out[p].append(j)
-        return out
-
-    def path(self, joint: int) -> list[int]:
-        """Joints from the root down to `joint`."""
-        out = [joint]
-        while (joint := int(self.skeleton.parents[joint])) >= 0:
-            out.append(joint)
-        return out[::-1]
-
-    def fork(self, *names: str) -> int | None:
-        """The last common ancestor (or self) of those of the named joints that exist."""
-        paths = [self.path(self.index[n]) for n in names if n in self.index]
-        if not paths:
-            return None
-        common = [level[0] for level in zip(*paths) if len(set(level)) == 1]
-        return common[-1] if common else None
-
-    def end(self, joint: int, skip: int | None = None) -> Floats | None:
-        """The farthest joint or Site at or below `joint` at rest, not below `skip`; None when there is none."""
-        best, far, stack = None, 1e-6, [joint]
-        while stack:
-            j = stack.pop()
-            if j == skip:
-                continue
-            stack.extend(self.children[j])
-            sites = self.skeleton.site_points[self.skeleton.site_joints == j]
-            for point in (self.rest[j], *(sites if self.rest is self.skeleton.centers else ())):
-                if (size := float(np.linalg.norm(point - self.rest[joint]))) > far:
-                    best, far = point, size
-        return best
 
 
 def retarget(
@@ -101,8 +51,13 @@ def retarget(
     target = joint_index(skeleton.names)
     if "l_hip" not in target and "humanoid_root" not in target:
         raise VitruvianError("skeleton: expected H-Anim joint names (humanoid_root, l_hip, ...), found none")
-    source, notes = _source(motion, names, rest_frame)
-    facing = _facing(source)
+    unit = units_per_metre(skeleton)
+    if unit != 1.0:
+        keys: dict = {"names": names, "feet": feet, "twist_to_elbow": twist_to_elbow}
+        out = retarget(motion, in_units(skeleton, 1 / unit), **keys, root=root, rest_frame=rest_frame)
+        return replace(out, skeleton=skeleton, translation=out.translation * unit)
+    source, notes = source_of(motion, names, rest_frame)
+    facing = facing_of(source)
     align = _alignment(source, skeleton, target, facing)
     world, given = _transfer(source, skeleton, target, align, facing)
     local = local_rotations(skeleton.parents, world)
@@ -139,77 +94,7 @@ def _is_hanim(skeleton: Skeleton) -> bool:
     return len(joint_index(skeleton.names)) > len(skeleton) // 2
 
 
-def _source(motion: Motion, names: Mapping[str, str] | None, rest_frame: int | None) -> tuple[_Source, list[str]]:
-    skeleton = motion.skeleton
-    unknown = set(names or {}) - set(skeleton.names)
-    if unknown:
-        raise VitruvianError(
-            f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
-        )
-    roles = match(skeleton.names, names)
-    twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
-    if twice:
-        raise VitruvianError(f"names: two joints of the clip are given to {twice[0]}; expected one")
-    index = {h: skeleton.index[n] for n, h in roles.items() if h not in (SPINE, NECK)}
-    trunk = tuple(skeleton.index[n] for n, h in roles.items() if h in (SPINE, NECK))
-    if not any(k in index for k in ("humanoid_root", "l_hip", "r_hip")):
-        some = ", ".join(skeleton.names[:6])
-        raise VitruvianError(
-            f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}"
-        )
-    rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
-    notes = []
-    if _odd_start(motion):
-        # CMU's conversions begin with a row of zeros
-        keep = np.r_[1, 1 : len(motion)]
-        rotation, move, shift = rotation[keep], move[keep], None if shift is None else shift[keep]
-        notes.append("frame 0 has nothing to do with frame 1 (an inserted pose): frame 1 is shown instead")
-    world = world_rotations(skeleton.parents, rotation)
-    place = positions(skeleton.parents, skeleton.centers, world, move, shift)
-    rest = skeleton.centers
-    if rest_frame is not None:
-        if not -len(motion) <= rest_frame < len(motion):
-            raise VitruvianError(f"rest_frame: expected a frame in 0..{len(motion) - 1}, found {rest_frame}")
-        rest = place[rest_frame]
-        world = multiply(world, inverse(world[rest_frame]))
-    lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
-    if lost:
-        notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
-    return _Source(skeleton, index, trunk, rest, world, place, motion.fps), notes
-
-
-def _odd_start(motion: Motion) -> bool:
-    """Whether the first frame is far from the second while the next ones follow each other closely."""
-    if len(motion) < 4:
-        return False
-    some = min(len(motion), 12)
-    dots = np.abs(np.sum(motion.rotation[1:some] * motion.rotation[: some - 1], axis=-1))
-    turns = 2 * np.arccos(np.clip(dots, -1.0, 1.0)).max(axis=1)
-    moves = np.linalg.norm(np.diff(motion.translation[:some], axis=0), axis=1)
-    far = turns[0] > max(np.radians(10), 8 * turns[1:].max()) or moves[0] > max(0.1, 8 * moves[1:].max())
-    return bool(far)
-
-
-def _facing(source: _Source) -> Floats:
-    """The turn (4,) from the standard's axes (X left, Y up, Z front) to those of the source at rest.
-
-    Figures that stand within 20 degrees of a quarter turn are taken to face it exactly: hips are never quite symmetric.
-    """
-    index, rest = source.index, source.rest
-    pairs = [(f"l_{p}", f"r_{p}") for p in ("hip", "shoulder", "knee") if f"l_{p}" in index and f"r_{p}" in index]
-    left = unit(rest[index[pairs[0][0]]] - rest[index[pairs[0][1]]]) if pairs else np.array([1.0, 0.0, 0.0])
-    low, high = source.fork("l_hip", "r_hip"), index.get("skullbase")
-    spine = unit(rest[high] - rest[low]) if high is not None and low is not None else UP
-    axes = []
-    for axis in (spine, left):
-        nearest = np.eye(3)[np.argmax(np.abs(axis))] * np.sign(axis[np.argmax(np.abs(axis))])
-        axes.append(nearest if axis @ nearest > np.cos(np.radians(20)) else axis)
-    y = unit(axes[0])
-    x = unit(axes[1] - y * (axes[1] @ y))
-    return from_matrix(np.stack([x, y, np.cross(x, y)], axis=-1))
-
-
-def _alignment(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
+def _alignment(source: Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
     """A (4,) for each joint that both have; the trunk is taken to stand alike in both rest poses."""
     align = {name: facing for name in source.index if name in target}
     c, rest, index = skeleton.centers, source.rest, source.index
@@ -261,7 +146,7 @@ def _sideways(facing: Floats, own: Floats, his: Floats) -> Floats:
     return about(front, np.arctan2(np.cross(a, b) @ front, a @ b))
 
 
-def _hand(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, forearm: Floats) -> Floats:
+def _hand(source: Source, skeleton: Skeleton, target: dict[str, int], side: str, forearm: Floats) -> Floats:
     """Knuckles along knuckles, and thumb beside thumb when both have one."""
     c, wrist = skeleton.centers, f"{side}_radiocarpal"
     middle = next((target[n] for k in (3, 2, 4) if (n := f"{side}_metacarpophalangeal_{k}") in target), None)
@@ -289,7 +174,7 @@ def _hand(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str
 
 
 def _align_fingers(
-    source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
+    source: Source, skeleton: Skeleton, target: dict[str, int], side: str, align: dict[str, Floats]
 ) -> None:
     for k in range(1, 6):
         joints = FINGER_JOINTS[k] if k == 1 else (f"carpometacarpal_{k}", *FINGER_JOINTS[k])
@@ -301,7 +186,7 @@ def _align_fingers(
             align[far] = align[near]
 
 
-def _foot(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str, facing: Floats) -> Floats:
+def _foot(source: Source, skeleton: Skeleton, target: dict[str, int], side: str, facing: Floats) -> Floats:
     """Sole on sole, toes in line.
 
     A rest pose with legs apart may hold its feet flat on the floor or square to the shins; what the clip does while the
@@ -326,7 +211,7 @@ def _foot(source: _Source, skeleton: Skeleton, target: dict[str, int], side: str
 
 
 def _transfer(
-    source: _Source, skeleton: Skeleton, target: dict[str, int], align: dict[str, Floats], facing: Floats
+    source: Source, skeleton: Skeleton, target: dict[str, int], align: dict[str, Floats], facing: Floats
 ) -> tuple[Floats, list[bool]]:
     """World rotations (F,J,4) of the target, and which joints were given one (the others follow their parents)."""
     frames = len(source.turn)
@@ -363,7 +248,7 @@ def _transfer(
     return world, given
 
 
-def _trunk(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
+def _trunk(source: Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> dict[str, Floats]:
     """World rotations (F,4) of the vertebrae that the source does not have by name.
 
     Both spines run from 0 at the hips over 1 where the arms branch off to 2 at the head. A bone's turn belongs to its
@@ -404,7 +289,7 @@ def _trunk(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: 
     return {name: world[:, i] for i, name in enumerate(wanted)}
 
 
-def _lean(source: _Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> float:
+def _lean(source: Source, skeleton: Skeleton, target: dict[str, int], facing: Floats) -> float:
     """How much farther forward (radians) the source's head is over its hips at rest than the target's.
 
     Rigs draw their spines straight up, anatomical ones lean from the sacrum to the head; without this the target would
@@ -428,6 +313,7 @@ def _along(points: Floats, arms: int) -> Floats:
     CMU's conversions have dropped the length of the chest; it gets the mean of the bones below.
     """
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    arms = min(arms, len(length) - 1)
     if length[arms] < 1e-6 and arms > 0:
         length[arms] = length[:arms].sum() / max(1, np.count_nonzero(length[:arms] > 1e-6))
     ends = np.cumsum(length)
@@ -459,9 +345,7 @@ def _relax_fingers(local: Floats, skeleton: Skeleton, target: dict[str, int], gi
             local[:, target[name]] = turn
 
 
-def _root(
-    source: _Source, skeleton: Skeleton, target: dict[str, int], world: Floats, root: str
-) -> tuple[Floats, float]:
+def _root(source: Source, skeleton: Skeleton, target: dict[str, int], world: Floats, root: str) -> tuple[Floats, float]:
     """Translation (F,3) of the first joint that puts the middle of the hips where the source has it, and the scale."""
     index, c = source.index, skeleton.centers
     ratios = []
