@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.show.camera import Camera
-from vitruvian.show.surfaces import Surface, softened, unit, vertex_normals
+from vitruvian.show.surfaces import Surface, deep_normals, unit, vertex_normals
 
 EDGE = 7.0  # pixels: what is shorter in the middle is left as it is
 LIMIT = 400_000  # triangles
@@ -53,7 +53,7 @@ def split(surface: Surface, some: NDArray[np.bool_]) -> Surface:
     """The triangles of `some` (T,) in four each; new vertices come after the old ones."""
     v, t = np.asarray(surface.vertices, np.float64), surface.triangles
     normal = vertex_normals(v, t) if surface.normals is None else surface.normals
-    soft = softened(normal.astype(np.float32), t) if surface.soft is None else surface.soft
+    soft = deep_normals(surface, normal.astype(np.float32))
     old = t[some]
     ends = np.sort(np.concatenate([old[:, [0, 1]], old[:, [1, 2]], old[:, [2, 0]]]), axis=1)
     key, which = np.unique(ends[:, 0].astype(np.int64) * len(v) + ends[:, 1], return_inverse=True)

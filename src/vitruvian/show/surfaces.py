@@ -56,6 +56,20 @@ def softened(normals: Single, triangles: NDArray, rounds: int = 3) -> Single:
     return normals
 
 
+def deep_normals(surface: Surface, normals: Single) -> Single:
+    """Normals (V,3) for light that has been inside: softened where the parts are skin or eyes, else as they are."""
+    if surface.soft is not None:
+        return np.asarray(surface.soft)
+    inside = [p for p in surface.parts if KINDS[kind_of(p.name)] in ("skin", "eye")]
+    if not inside:
+        return normals
+    some = np.concatenate([surface.triangles[p.start : p.stop] for p in inside])
+    out = normals.copy()
+    used = np.unique(some)
+    out[used] = softened(normals, some)[used]
+    return out
+
+
 def joined(a: Surface, b: Surface) -> Surface:
     """Two surfaces as one; a's vertices come first."""
     n, m = len(a.vertices), len(a.triangles)
@@ -110,7 +124,7 @@ class Soup:
                 color = to_linear(s.colors)[t]
             rest = v if s.rest is None else np.asarray(s.rest)
             normals = given[t] if given.ndim == 2 else given
-            soft = softened(smooth, t) if s.soft is None else s.soft
+            soft = deep_normals(s, smooth)
             corners.append(np.concatenate([v[t], normals, color, soft[t], rest[t]], -1, dtype=np.float32))
             vertices.append(v)
             triangles.append(t + start)
