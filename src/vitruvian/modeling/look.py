@@ -77,7 +77,7 @@ def tone_color(tone: float | str) -> Floats:
     if isinstance(tone, str):
         if tone not in TONE_NAMES:
             raise VitruvianError(f"skin_tone: expected 0..1 or one of {', '.join(TONE_NAMES)}, found {tone!r}")
-        tone = TONE_NAMES[tone]
+        return tone_color(TONE_NAMES[tone])
     if not 0 <= tone <= 1:
         raise VitruvianError(f"skin_tone: expected a number in 0..1, found {tone}")
     at = np.linspace(0, 1, len(TONES))
@@ -174,8 +174,8 @@ def skin_colors(
         color = color * (1 - scalp) + scalp * (0.75 * np.array(hair) + 0.25 * base)
     if suit is not None:
         cover = looks("suit.cover") / 1000.0
-        amount = np.clip(cover / 0.01 + 0.5, 0, 1)[:, None]
-        color = color * (1 - amount) + amount * np.array(suit)
+        painted = np.clip(cover / 0.01 + 0.5, 0, 1)[:, None]
+        color = color * (1 - painted) + painted * np.array(suit)
     return np.clip(color, 0, 1)
 
 

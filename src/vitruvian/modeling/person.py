@@ -61,7 +61,7 @@ def person(
     gender 0 female to 1 male; age in years, 10 to 90; height in metres (None: what the other values give); weight from
     0 thin to 1 heavy, or kilograms when above 1; muscle, proportions, cup, firmness 0..1; origin weights of African,
     Asian and European forms; details slider name -> -1..1; measures name -> metres, see `vitruvian.modeling.measure`;
-    loa 0..4. `look` goes to `vitruvian.modeling.look` (hair, outfit, hair_color, eye_color, tone, ...).
+    loa 0..4. `look`: hair, hair_color, eye_color, skin_tone, outfit, top_color, bottom_color, shoe_color, see `assemble`.
     Raises VitruvianError for values outside their range; warns where wishes could not be met exactly.
     """
     if loa not in range(5):
@@ -158,7 +158,7 @@ def assemble(
     tone = float(np.dot(sliders.origin, (0.78, 0.30, 0.20))) - 0.08 if skin_tone is None else skin_tone
     dressed = outfit_colors(outfit, top_color, bottom_color, shoe_color, sliders.gender)
     flesh = points[: source.POINTS]
-    who = {"gender": sliders.gender, "age": sliders.age, "tone": tone, "seed": seed}
+    who: dict[str, Any] = {"gender": sliders.gender, "age": sliders.age, "tone": tone, "seed": seed}
     parts = look_parts(flesh, hair=hair, hair_color=hair_color, eye_color=eye_color, outfit=dressed, **who)
     shade = None if hair == "none" else hair_color_at(sliders.age, hair_color, tone)
     skin = skin_colors(flesh, hair=shade, suit=None if dressed else SUIT, **who)
