@@ -46,8 +46,8 @@ def person(
         sex = names[gender] if gender in names else float(gender)
     except ValueError:
         raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
-    look = {"hair": hair, "outfit": outfit, "skin_tone": _number_or_name(tone)}
-    look = {k: v for k, v in look.items() if v is not None}
+    wanted = {"hair": hair, "outfit": outfit, "skin_tone": _number_or_name(tone)}
+    look: dict[str, Any] = {k: v for k, v in wanted.items() if v is not None}
     humanoid = make(
         gender=sex,
         age=age,
