@@ -118,7 +118,9 @@ def cap(points: Array, triangles: Array, ears: Array, lift) -> dict[str, Array]:
     """The scalp itself, lifted: fills what shows between the strips."""
     d = points - CENTER
     field = np.where(points[:, 1] < 0.6, -60.0, above_line(d))
-    field = np.minimum(field, (0.35 - ears) * 30)
+    azimuth = np.radians(angles(d)[0])
+    uneven = 0.9 * np.sin(17 * azimuth + 1) + 0.8 * np.sin(31 * azimuth) + 0.6 * np.sin(53 * azimuth + 2)
+    field = np.minimum(field - 1.6 + uneven, (0.35 - ears) * 30)
     outer = np.linalg.norm(d, axis=1) > 0.055
     cut = Cut(identity(len(points), format="csr"), triangles[outer[triangles].all(axis=1)], {"line": field})
     cut = clip(cut, "line")
@@ -161,16 +163,17 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     away = start - whorl * (start @ whorl)[:, None]
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
     away = away + 0.22 * np.cross(start, away) + 0.16 * rng.normal(size=away.shape)
-    # Over the forehead the hair is combed to one side and up.
+    # Over the forehead the hair falls forward and a little to one side, as a short fringe.
     front = np.clip((start[:, 2] - 0.35) / 0.5, 0, 1)[:, None] * top(start)[:, None]
-    away = away * (1 - 0.75 * front) + front * np.array([0.75, 0.25, 0.1])
+    away = away * (1 - 0.30 * front) + front * np.array([0.34, 0.0, 0.0])
     away -= start * (away * start).sum(1, keepdims=True)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     reach = np.radians(21 + 17 * top(start) + rng.uniform(-3, 3, len(start)))
     t = np.linspace(0, 1, 6)
     d = np.cos(reach[:, None] * t)[..., None] * start[:, None] + np.sin(reach[:, None] * t)[..., None] * away[:, None]
-    # Stop short of the hairline, except a little at the nape and the sides.
-    ok = above_line(d) > -3.0
+    # Stop at the hairline, unevenly: no edge as if cut with a bowl.
+    forehead = np.clip((d[..., 2] - 0.55) / 0.25, 0, 1)
+    ok = above_line(d) > -1.0 - rng.gamma(2.0, 1.1, (len(d), 1)) - 2.0 * forehead * rng.uniform(0, 1, (len(d), 1))
     last = np.where(ok.all(1), 5, np.maximum(ok.argmin(1) - 1, 0))
     good = last >= 2
     d, last, start, reach = d[good], last[good], start[good], reach[good]
@@ -294,15 +297,15 @@ def brows(skin: Skin, eye: Array) -> dict[str, Array]:
     rng = np.random.default_rng(8)
     parts = []
     for side in (1, -1):
-        n = 190
+        n = 330
         u = np.sort(rng.uniform(0, 1, n))
         v = rng.uniform(-1, 1, n)
         x = -0.0165 + u * 0.0425
         y = 0.0175 + 0.0070 * np.sin(np.pi * np.minimum(u * 0.82, 1)) - 0.006 * np.maximum(u - 0.62, 0) / 0.38
-        thick = np.interp(u, [0, 0.15, 0.6, 1], [0.0026, 0.0034, 0.0026, 0.0008])
+        thick = np.interp(u, [0, 0.15, 0.6, 1], [0.0030, 0.0042, 0.0034, 0.0009])
         root = np.stack([x, y + v * thick], 1)
-        lean = np.radians(np.interp(u, [0, 0.2, 0.5, 1], [58, 36, 10, -18]) - 16 * v)
-        length = np.interp(u, [0, 0.3, 1], [0.0062, 0.0082, 0.0048]) * rng.uniform(0.8, 1.15, n)
+        lean = np.radians(np.interp(u, [0, 0.2, 0.5, 1], [64, 38, 14, -16]) - 18 * v + rng.normal(0, 6, n))
+        length = np.interp(u, [0, 0.3, 1], [0.0052, 0.0072, 0.0046]) * rng.uniform(0.7, 1.15, n)
         s = np.linspace(0, 1, 3)
         line = root[:, None] + (length[:, None] * s)[..., None] * np.stack([np.cos(lean), np.sin(lean)], 1)[:, None]
         q = np.concatenate([line * [side, 1], np.zeros((n, 3, 1))], axis=-1) + [side * eye[0], eye[1], 0.4]
@@ -312,7 +315,7 @@ def brows(skin: Skin, eye: Array) -> dict[str, Array]:
         normal = np.array([0.3 * side, 0.2, 1.0])
         across = np.cross(normal, tangent)
         across /= np.linalg.norm(across, axis=1, keepdims=True)
-        width = 0.00055 * np.array([0.8, 1.0, 0.1]) * np.ones((n, 1))
+        width = 0.00062 * np.array([0.7, 1.0, 0.1]) * np.ones((n, 1))
         half = across[:, None] * (width / 2)[..., None]
         rows = np.stack([lines - half, lines + half], axis=2).reshape(-1, 3)
         index = np.arange(n * 6).reshape(n, 3, 2)

@@ -207,9 +207,13 @@ def hair_part(style: str, points: Floats, color: Color, seed: int) -> LookPart:
     )
 
 
-def fine_part(name: str, points: Floats, color: Color) -> LookPart:
-    """Brows or lashes."""
+def fine_part(name: str, points: Floats, color: Color, thickness: float = 1.0) -> LookPart:
+    """Brows or lashes. thickness: factor on the width of each brow hair."""
     vertices, parents = bound(name, points, head_scale(points))
+    if thickness != 1.0:  # brow hairs have a left and a right vertex in turn
+        pair = vertices.reshape(-1, 2, 3)
+        middle = pair.mean(axis=1, keepdims=True)
+        vertices = (middle + thickness * (pair - middle)).reshape(-1, 3)
     colors = np.clip(np.array(color) * looks(f"{name}.shade")[:, None], 0, 1)
     return LookPart(name, vertices, looks(f"{name}.triangles").astype(np.int32), colors, parents, 0.6, True)
 
@@ -245,10 +249,11 @@ def look_parts(
     from vitruvian.modeling.outfit import garment_part
 
     shade = hair_color_at(age, hair_color, tone)
-    brow = np.array(shade) * 0.75
+    # Single hairs let the skin through, which opaque ones can only do by their colour.
+    brow = 0.72 * np.array(shade) + 0.28 * 0.55 * tone_color(tone)
     parts = [
         eyes_part(points, named(eye_color, EYES, "eye_color"), seed),
-        fine_part("brows", points, (float(brow[0]), float(brow[1]), float(brow[2]))),
+        fine_part("brows", points, (float(brow[0]), float(brow[1]), float(brow[2])), 0.85 + 0.4 * gender),
         fine_part("lashes", points, (0.06, 0.045, 0.04)),
         source_part("teeth", source.TEETH, (0.74, 0.70, 0.63), 0.25, points),
         source_part("tongue", source.TONGUE, (0.72, 0.36, 0.35), 0.4, points),

@@ -95,6 +95,19 @@ def garment_part(name: str, points: Floats, color: Color) -> LookPart:
     if name == "shoes":
         flat = get("flat").astype(np.float64)
         floor = points[: source.BODY, 1].min() - 0.017
+        # Toes must not show through the cap; the upper meets the sole along a straight line.
+        low = (np.clip((0.085 - (cloth[:, 1] - floor)) / 0.02, 0, 1) * (1 - 0.85 * flat))[:, None]
+        drawn, kind = get("vertex").astype(np.int64), get("piece")
+        line = np.intersect1d(drawn[kind == 0], drawn[(kind == 1) & ~get("hem")])
+        line = line[cloth[line, 1] < floor + 0.045]
+        for _ in range(14):
+            cloth += 0.5 * low * (near @ cloth - cloth)
+            cloth[line, 1] = floor + 0.034
+        outward = normal * [1, 0, 1]
+        for _ in range(6):
+            outward = near @ outward
+        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 0.3)
+        cloth += (0.004 * low + 0.002 * flat[:, None]) * outward
         cloth[:, 1] = (1 - flat) * cloth[:, 1] + flat * floor
     vertex, is_hem = get("vertex").astype(np.int64), get("hem")
     where = np.where(is_hem[:, None], inner[vertex], cloth[vertex])
