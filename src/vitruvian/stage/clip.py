@@ -31,8 +31,8 @@ class Mesh:
             count = len(self.vertices) if self.uv_triangles is None else None
             object.__setattr__(self, "uv", floats(self.uv, "uv", count, 2))
         if self.uv_triangles is not None:
-            require(self.uv is not None, "uv_triangles", "uv together with it", None)
-            seams = indices(self.uv_triangles, "uv_triangles", len(self.uv), len(self.triangles), 3)
+            coordinates = 0 if self.uv is None else len(self.uv)
+            seams = indices(self.uv_triangles, "uv_triangles", coordinates, len(self.triangles), 3)
             object.__setattr__(self, "uv_triangles", seams)
         if self.colors is not None:
             object.__setattr__(self, "colors", floats(self.colors, "colors", len(self.vertices), 3))
