@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -120,8 +121,8 @@ def test_a_captured_walk_keeps_its_feet_on_the_floor(shared: Path, tmp_path: Pat
     clip = shared / "data" / "motion" / "cmu_131_01_walk.bvh"
     facts = answer("animate", "person", clip, "-o", tmp_path / "walk.glb")
     assert facts["frames"] == 994
-    # 8 mm in the worst frame of eight seconds: fast pivots, which the feet make in the capture too
-    assert facts["foot_slide_mm"] <= 8 and facts["floor_penetration_mm"] <= 5
+    # 5 mm in the worst frame of eight seconds: fast pivots, which the feet make in the capture too
+    assert facts["foot_slide_mm"] <= 5 and facts["floor_penetration_mm"] <= 5
 
 
 @pytest.mark.parametrize("kind", ["wrl", "x3dv", "glb", "x3d"])
@@ -148,6 +149,24 @@ def test_mistakes_are_one_line(anna: Path, tmp_path: Path) -> None:
     assert "gender" in fails("person", "--gender", "femal", "-o", tmp_path / "a.glb")
     assert "waist" in fails("person", "--measure", "waist", "-o", tmp_path / "a.glb")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path) -> None:
+    out = tmp_path / "demo"
+    command = [sys.executable, "-m", "vitruvian", "demo", "--no-open", "--out", str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith("motion"):
+                process.send_signal(signal.SIGINT)
+                break
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert [line for line in err.splitlines() if line.startswith("error:")] == [
+        "error: interrupted; no file was left half written"
+    ]
+    whole = {"demo.glb", "demo.x3d", "demo.html", "demo.png", "demo.mp4"}
+    assert {p.name for p in out.iterdir()} <= whole if out.exists() else True
 
 
 def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ import typer
 
 from vitruvian.errors import VitruvianError, VitruvianWarning
 
+INTERRUPTED = "interrupted; no file was left half written"
+
 app = typer.Typer(
     name="vitruvian",
     help="Build, deform and animate virtual humans that comply with H-Anim (ISO/IEC 19774).",
@@ -55,7 +57,7 @@ def main() -> None:
     try:
         status = app(standalone_mode=False)
     except KeyboardInterrupt:
-        _fail("interrupted; nothing was left half written", 130)
+        _fail(INTERRUPTED, 130)
     except VitruvianError as e:
         _fail(str(e), 2)
     except BrokenPipeError:
@@ -69,10 +71,12 @@ def main() -> None:
         if hasattr(e, "format_message"):  # a usage error of the command-line library
             _fail(f"{e.format_message()} (try --help)", 2)
         if type(e).__name__ == "Abort":
-            _fail("interrupted; nothing was left half written", 130)
+            _fail(INTERRUPTED, 130)
         if os.environ.get("VITRUVIAN_TRACEBACK"):
             raise
         _fail(f"internal: {type(e).__name__}: {e} (set VITRUVIAN_TRACEBACK=1 to see where, and please report it)", 2)
+    if status == 130:  # the command-line library turns an interrupt into this status
+        _fail(INTERRUPTED, 130)
     sys.exit(status if isinstance(status, int) else 0)
 
 

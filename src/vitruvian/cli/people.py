@@ -172,7 +172,7 @@ def animate(
     document = {
         "frames": len(moved),
         "fps": moved.fps,
-        "foot_slide_mm": foot_slide_mm(moved, packed),
+        "foot_slide_mm": foot_slide_mm(moved),
         "floor_penetration_mm": floor_penetration_mm(moved, packed),
         "seconds": time.perf_counter() - start,
         **report,
