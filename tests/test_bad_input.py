@@ -67,8 +67,9 @@ CASES: dict[str, tuple[str, bytes]] = {
 }
 # prints the peak memory in kB as the last line of stderr
 RUNNER = """
-import atexit, resource, sys
-atexit.register(lambda: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr))
+import atexit, re, sys
+peak = lambda: re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]
+atexit.register(lambda: print(peak(), file=sys.stderr))
 from vitruvian.cli import main
 main()
 """
