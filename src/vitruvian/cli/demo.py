@@ -42,7 +42,7 @@ def demo(
 
     out.mkdir(parents=True, exist_ok=True)
     with step("person"):
-        humanoid = person()
+        humanoid = person(gender=0, age=28, height=1.70)
         body = pack(humanoid)
     with step("motion"):
         motion = walk(body.skeleton, cycles=2)  # the film shows one of them
