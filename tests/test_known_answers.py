@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-x3d = pytest.importorskip("vitruvian.formats.x3d", reason="the X3D reader is not in this checkout")
-humanoids = pytest.importorskip("vitruvian.hanim.view", reason="the H-Anim view is not in this checkout").humanoids
-
-from vitruvian.body.kinematics import joint_matrices, joint_positions  # noqa: E402
-from vitruvian.body.pack import pack  # noqa: E402
-from vitruvian.deform.deformer import deformer  # noqa: E402
+from vitruvian.body.kinematics import joint_matrices, joint_positions
+from vitruvian.body.pack import pack
+from vitruvian.deform.deformer import deformer
+from vitruvian.formats import x3d
+from vitruvian.hanim.view import humanoids
 
 POSE = {
     "l_shoulder": (0, 0, 1, 1.5707963),

@@ -20,6 +20,7 @@ from vitruvian.formats.x3d import read_x3d, write_x3d
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.view import humanoids
+from vitruvian.modeling.person import person
 
 if TYPE_CHECKING:
     from playwright.sync_api import Route
@@ -97,8 +98,7 @@ def test_xite_agrees(shared: Path, referee: Path, chromium: str, tmp_path: Path)
 
 
 def test_xite_agrees_on_the_built_in_person(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
-    person = pytest.importorskip("vitruvian.modeling.person").person
-    agree(shared, referee, chromium, {write(person(loa=2), tmp_path, "person", "x3d", "2.0"): True})
+    agree(shared, referee, chromium, {write(person(), tmp_path, "person", "x3d", "2.0"): True})
 
 
 def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> None:

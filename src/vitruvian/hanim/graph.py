@@ -179,16 +179,21 @@ class Scene:
 
     def walk(self) -> Iterator[Node]:
         """Every node once, depth first, in source order, without entering prototype bodies. No recursion."""
-        stack: list[Node | Use] = [s for s in reversed(self.body) if isinstance(s, Node)]
-        seen: set[int] = set()
-        while stack:
-            item = stack.pop()
-            if isinstance(item, Use) or id(item) in seen:
-                continue
-            seen.add(id(item))
-            yield item
-            stack.extend(child for _, child in reversed(list(item.entries())))
+        return walk_all([s for s in self.body if isinstance(s, Node)])
 
     def defs(self) -> dict[str, Node]:
         """DEF name -> node; a name given twice answers the later one."""
         return {n.name: n for n in self.walk() if n.name}
+
+
+def walk_all(nodes: list[Node]) -> Iterator[Node]:
+    """Every node in and below `nodes` once, depth first; USEs are not entered."""
+    stack: list[Node | Use] = list(reversed(nodes))
+    seen: set[int] = set()
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Use) or id(item) in seen:
+            continue
+        seen.add(id(item))
+        yield item
+        stack.extend(child for _, child in reversed(list(item.entries())))

@@ -13,7 +13,7 @@ import numpy as np
 
 from vitruvian.hanim import animation, surface, tables
 from vitruvian.hanim.fields import container_of
-from vitruvian.hanim.graph import Node, Scene, Use
+from vitruvian.hanim.graph import Node, Scene, Use, walk_all
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.reading import Reading
 
@@ -52,19 +52,6 @@ def walk_groups(reading: Reading, nodes: list[Node]) -> Iterator[Node]:
         yield node
         if not reading.kind(node) and node.type != "Shape":
             stack.extend(reversed(node.children("children")))
-
-
-def walk_all(nodes: list[Node]) -> Iterator[Node]:
-    """Every node in and below `nodes` once, depth first; USEs are not entered."""
-    stack: list[Node | Use] = list(reversed(nodes))
-    seen: set[int] = set()
-    while stack:
-        item = stack.pop()
-        if isinstance(item, Use) or id(item) in seen:
-            continue
-        seen.add(id(item))
-        yield item
-        stack.extend(child for _, child in reversed(list(item.entries())))
 
 
 def body_nodes(reading: Reading, node: Node) -> tuple[list[Node], list[Node]]:
