@@ -138,6 +138,18 @@ def test_convert_real_bodies(shared: Path, tmp_path: Path, kind: str) -> None:
         assert after["vertices"] == before["vertices"] and after["triangles"] == before["triangles"]
 
 
+def test_convert_folds_joints_above_a_level(anna: Path, tmp_path: Path) -> None:
+    out = tmp_path / "coarse.x3d"
+    report = answer("convert", anna, out, "--loa", "1")
+    assert any("76 joints" in line for line in report["lost"])
+    (before,) = answer("info", anna)["humanoids"]
+    (after,) = answer("info", out)["humanoids"]
+    assert (after["joints"], after["loa"]) == (18, 1)
+    assert (after["vertices"], after["sites"]) == (before["vertices"], before["sites"])
+    (document,) = answer("check", out)
+    assert document["ok"], document["findings"]
+
+
 def test_mistakes_are_one_line(anna: Path, tmp_path: Path) -> None:
     assert "no such file" in fails("info", tmp_path / "nobody.x3d")
     assert "unknown kind" in fails("info", __file__)

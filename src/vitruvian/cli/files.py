@@ -142,6 +142,7 @@ def convert(
     source: Path = typer.Argument(..., metavar="IN", help="File to read."),
     target: Path = typer.Argument(..., metavar="OUT", help="File to write; its extension says the format."),
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
+    loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -151,7 +152,18 @@ def convert(
 
     if hanim not in (None, "1.1", "200x", "2.0"):
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
-    report = registry.save(registry.load(source, name=name, repair=repair), target, hanim=hanim)
+    thing = registry.load(source, name=name, repair=repair)
+    lost: list[str] = []
+    if loa is not None:
+        from vitruvian.hanim.convert import VERSIONS, converted
+        from vitruvian.hanim.humanoid import Humanoid
+
+        if not isinstance(thing, Humanoid):
+            raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
+        version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
+        thing, lost = converted(thing, version, loa=loa)
+    report = registry.save(thing, target, hanim=hanim)
+    report["lost"] = lost + report["lost"]
     text = f"wrote {target}"
     if report["pruned_weights"]:
         text += (

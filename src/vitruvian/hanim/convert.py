@@ -13,13 +13,13 @@ from vitruvian.hanim.humanoid import Humanoid, Joint, MotionData, Segment, Site
 VERSIONS = ("2.0", "200x", "1.1", "1.0")
 
 
-def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
-    """A copy of the humanoid under the names of `version` and what that version can't say.
+def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tuple[Humanoid, list[str]]:
+    """A copy of the humanoid under the names of `version`, at most at level `loa`, and what that can't say.
 
     `version` is one of "2.0", "200x", "1.1", "1.0". Upwards every name is looked up in the alias tables; unknown names
-    are custom and stay. Downwards joints that exist
-    in 2.0 only are folded into their nearest kept ancestor: geometry and sites move there, skin weights add up, their
-    own animation is dropped. Arrays are shared with the original, which stays as it is.
+    are custom and stay. Downwards joints that exist in 2.0 only, and standard joints above `loa`, are folded into their
+    nearest kept ancestor: geometry and sites move there, skin weights add up, their own animation is dropped. Arrays
+    are shared with the original, which stays as it is.
     """
     if version not in VERSIONS:
         raise VitruvianError(f"H-Anim version: expected one of {', '.join(VERSIONS)}, found {version!r}")
@@ -32,6 +32,8 @@ def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
     while stack:
         joint, parent = stack.pop()
         name = _there(joint.name, version, "joint")
+        if loa is not None and _level(joint.name) > loa:
+            name = None
         if name is None and parent is not None:
             _fold(joint, parent, lost)
             folded[joint.name] = parent.name
@@ -52,7 +54,8 @@ def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
         stack.extend((j, below) for j in reversed(joint.joints))
     if folded:
         some = ", ".join(f"{a} into {b}" for a, b in list(folded.items())[:4]) + (", ..." if len(folded) > 4 else "")
-        lost.append(f"{len(folded)} joints that H-Anim {version} does not have were folded ({some})")
+        level = "" if loa is None else f" at LOA {loa}"
+        lost.append(f"{len(folded)} joints that H-Anim {version} does not have{level} were folded ({some})")
     sites = {s.name: _site(s, version).name for s in [*humanoid.all_sites(), *humanoid.viewpoints]}
     rename = {**sites, **keep}
     names = [tables.canonical(n) or n for n in taken]
@@ -78,6 +81,12 @@ def converted(humanoid: Humanoid, version: str) -> tuple[Humanoid, list[str]]:
 def _there(name: str, version: str, kind: str) -> str | None:
     """The name in `version`; a custom name stays, a standard one that the version lacks is None."""
     return tables.name_in(name, version, kind) if tables.canonical(name, kind) else name
+
+
+def _level(name: str) -> int:
+    """Level of articulation that a joint belongs to; 0 for custom joints, which stay."""
+    known = tables.canonical(name, "joint")
+    return tables.joints()[known].loa if known else 0
 
 
 def _segment(segment: Segment, version: str) -> Segment:
@@ -114,7 +123,11 @@ def _fold(joint: Joint, into: Joint, lost: list[str]) -> None:
         target.sites = [*target.sites, *segment.sites]
         if segment.displacers:
             lost.append(f"displacers of segment {segment.name}, folded into {target.name}")
-        target.mass += segment.mass
+        mass = target.mass + segment.mass
+        if mass:
+            center = target.mass * target.center_of_mass + segment.mass * segment.center_of_mass
+            target.center_of_mass = center / mass
+        target.mass = mass
     into.sites = [*into.sites, *joint.sites]
     into.displacers = [*into.displacers, *joint.displacers]
     index = np.concatenate([into.skin_coord_index, joint.skin_coord_index]).astype(np.int32)
