@@ -166,3 +166,22 @@ def test_a_foot_without_toes_rolls_over_its_tip():
     stiff = Skeleton(tuple(plain.names[i] for i in keep), np.array(parents), plain.centers[keep])
     motion = walk(stiff, fps=60)
     assert foot_slide_mm(motion) < 1 and floor_penetration_mm(motion) < 1
+
+
+def test_feet_without_sites_stand_on_the_soles_that_are_drawn() -> None:
+    """A body without foot Sites: the walk on `soled` keeps its skin nearer to the floor than the bare skeleton's."""
+    import vitruvian as vt
+    from vitruvian.motion.contacts import soled
+
+    humanoid = vt.person(loa=1)
+    for segment in humanoid.segments():
+        segment.sites = []
+    body = vt.pack(humanoid)
+    skeleton = soled(body)
+    assert set(skeleton.site_names) >= {"l_calcaneus_posterior", "r_tarsal_distal_phalanx_2"}
+    move = vt.deformer("linear", body)
+    lowest = {
+        name: float(move(vt.joint_matrices(body.skeleton, vt.walk(s)))[:, :, 1].min())
+        for name, s in (("bare", body.skeleton), ("soled", skeleton))
+    }
+    assert lowest["soled"] > -0.012 and lowest["soled"] >= lowest["bare"]

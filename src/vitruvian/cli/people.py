@@ -101,12 +101,13 @@ def subject(source: str, *, repair: bool = False) -> Humanoid:
 
 def movement(source: str, body: Body) -> Motion:
     """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a BVH file, or the motion of another body."""
+    from vitruvian.motion.contacts import soled
     from vitruvian.motion.retarget import retarget
 
     if source in GAITS and not Path(source).exists():
-        from vitruvian.motion import gait
+        import vitruvian as gait
 
-        return getattr(gait, source)(body.skeleton)
+        return getattr(gait, source)(soled(body))
     from vitruvian.body.pack import pack
     from vitruvian.formats.registry import load
     from vitruvian.motion.tracks import motion_of
@@ -118,7 +119,7 @@ def movement(source: str, body: Body) -> Motion:
         if own is None:
             raise VitruvianError(f"{source}: expected a motion, found none in it")
         found = own
-    return retarget(found, body.skeleton)
+    return retarget(found, soled(body))
 
 
 def write(clip: Clip, out: Path) -> dict[str, Any]:

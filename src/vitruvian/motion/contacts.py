@@ -125,12 +125,38 @@ def _on_skin(leg: Leg, body: Body) -> Leg:
     mine = np.zeros(len(body.skeleton))
     mine[[leg.ankle, *below(body.skeleton, leg.ankle)]] = 1.0
     part = np.bincount(weights.vertex, weights.weight * mine[weights.joint], minlength=len(weights))
-    sole = body.skin.rest[(part > 0.5) & (body.skin.rest[:, 1] < leg.heel[1] + 0.02)]
+    unit = units_per_metre(body.skeleton)
+    sole = body.skin.rest[(part > 0.5) & (body.skin.rest[:, 1] < leg.heel[1] + 0.02 * unit)]
     if len(sole) < 3:
         return leg
     heel, tip = leg.heel.copy(), leg.tip.copy()
-    heel[2], tip[2] = sole[:, 2].min() + 0.01, sole[:, 2].max() - 0.01
+    heel[2], tip[2] = sole[:, 2].min() + 0.01 * unit, sole[:, 2].max() - 0.01 * unit
     return replace(leg, heel=heel, tip=tip)
+
+
+def soled(body: Body) -> Skeleton:
+    """The body's skeleton with a Site at heel and toe tip of each foot, taken from its skin where it brings none.
+
+    Feet that are solved on it stand on the soles that are drawn.
+    """
+    skeleton = body.skeleton
+    known = {canonical(name, "site") or name for name in skeleton.site_names}
+    names, joints, points = list(skeleton.site_names), list(skeleton.site_joints), list(skeleton.site_points)
+    for leg in legs(skeleton, body):
+        for part, joint, point in (
+            ("calcaneus_posterior", leg.ankle, leg.heel),
+            ("tarsal_distal_phalanx_2", leg.front, leg.tip),
+        ):
+            if f"{leg.side}_{part}" not in known:
+                names.append(f"{leg.side}_{part}")
+                joints.append(joint)
+                points.append(point)
+    return replace(
+        skeleton,
+        site_names=tuple(names),
+        site_joints=np.array(joints, np.int32),
+        site_points=np.array(points, np.float64).reshape(-1, 3),
+    )
 
 
 def standing(
