@@ -13,7 +13,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError, warn
-from vitruvian.modeling.source import manifest, points, target
+from vitruvian.modeling.source import array, manifest, points, target
 
 WEIGHTS = (-0.25, 1.75)  # beyond 0..1 only to meet a wish in kilograms: the data are extrapolated
 SHUT = 0.05  # of the unit jawOpen: the source's lips part by a hair, the standard wants the mouth shut
@@ -137,12 +137,21 @@ def factors(shape: Shape) -> dict[str, float]:
     return found
 
 
+@cache
+def _parted() -> Floats:
+    """How far the lips of the source's base part; the unit is made symmetric, the capture it came from is not quite."""
+    index, offset = target("jawOpen", "faces")
+    out = np.zeros_like(points())
+    out[index] = SHUT * offset
+    mirror = array("mirror")
+    out[: len(mirror)] = (out[: len(mirror)] + out[mirror] * [-1, 1, 1]) / 2
+    return out
+
+
 def shaped(shape: Shape) -> Floats:
     """(19158 + 326, 3) points of that shape in the source's A pose, metres; soles at the height they come out at."""
     out = points().copy()
     for name, factor in factors(shape).items():
         index, offset = target(name)
         out[index] += factor * offset
-    index, offset = target("jawOpen", "faces")
-    out[index] -= SHUT * offset
-    return out
+    return out - _parted()
