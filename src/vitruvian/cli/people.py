@@ -86,7 +86,7 @@ def _measures(items: list[str]) -> dict[str, float]:
 
 def subject(source: str, *, repair: bool = False) -> Humanoid:
     """A humanoid from a file, or the built-in person for the word `person`."""
-    if source == "person" and not Path(source).exists():
+    if source == "person" and not Path(source).is_file():
         from vitruvian.modeling.person import person as make
 
         return make()
@@ -104,7 +104,7 @@ def movement(source: str, body: Body) -> Motion:
     from vitruvian.motion.contacts import soled
     from vitruvian.motion.retarget import retarget
 
-    if source in GAITS and not Path(source).exists():
+    if source in GAITS and not Path(source).is_file():
         import vitruvian as gait
 
         return getattr(gait, source)(soled(body))
