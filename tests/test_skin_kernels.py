@@ -46,6 +46,22 @@ def test_kernel_equals_twin(name, influences, sums, angle, instructions, monkeyp
     assert np.abs(d.frames(m) - twin[1]).max() < 1.5e-6
 
 
+@pytest.mark.parametrize("influences", [2, 4, 8])
+@pytest.mark.parametrize("angle", [0.05, 0.25, 0.4, 0.6])
+def test_log_equals_twin_among_joints_that_are_near_and_far(influences, angle, instructions, monkeypatch):
+    """Chains of joints, on both sides of the angle up to which the kernel blends and steps in one go."""
+    joint = np.arange(12)
+    body = skins.crowd(influences, vertices=500, seed=3)
+    rng = np.random.default_rng(5)
+    first = np.sort(rng.integers(0, 12 - influences + 1, 500))[:, None] + joint[:influences]
+    weight = rng.dirichlet(np.full(influences, 0.7), 500)
+    rows = Weights.from_pairs(500, np.repeat(np.arange(500), influences), first.ravel(), weight.ravel())
+    body = Body("chain", body.skeleton, Skin(body.skin.rest, body.skin.triangles, rows))
+    m = skins.poses(body, angle=angle)
+    d = deformer("log", body)
+    assert np.abs(d(m) - by_twin(monkeypatch, lambda: d(m))).max() < 1.5e-6
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_kernel_equals_twin_on_wild_and_scaled_motions(name, monkeypatch):
     body = skins.crowd(6, seed=9)
