@@ -15,6 +15,8 @@ void linear_table(int64_t count, const double* matrix, float* out) {
 
 namespace {
 
+const int kFrames = 4;  // that are worked on at once
+
 struct Blend {
     f8 xy, zt;  // columns x, y and z, translation of A - I
 };
@@ -51,16 +53,31 @@ inline f4 move(const Blend& b, const float* p) {
     return low(b.xy) * p[0] + high(b.xy) * p[1] + (low(b.zt) * p[2] + high(b.zt));
 }
 
-template <int K>
-void points(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
+// N frames at once, `joints` * 16 floats apart in the table and `stride` in out: they share the loads of joints and
+// weights, which are half of all.
+template <int K, int N>
+void points(const Bucket& bucket, int64_t first, int64_t last, int64_t joints, const float* table, float* out,
+            int64_t stride) {
     const auto one = [&](int64_t i, f4 p) {
         const int64_t entry = K ? i * K : bucket.row[i];
         const int64_t count = K ? K : bucket.row[i + 1] - entry;
-        const Blend b = blend<K>(table, bucket.joint + entry, bucket.weight + entry, count);
-        const f4 moved = p + move(b, bucket.rest + i * 3);
+        Blend b[N];
+        VT_UNROLL for (int f = 0; f < N; ++f) b[f].xy = b[f].zt = all(0.0f);
+        for (int64_t k = 0; k < (K ? K : count); ++k) {
+            const float w = bucket.weight[entry + k];
+            const float* row = table + bucket.joint[entry + k];
+            VT_UNROLL for (int f = 0; f < N; ++f) {
+                const f8 xy = load8(row + f * joints * 16), zt = load8(row + f * joints * 16 + 8);
+                b[f].xy = k ? b[f].xy + xy * w : xy * w;
+                b[f].zt = k ? b[f].zt + zt * w : zt * w;
+            }
+        }
         float* o = out + 3 * (bucket.target ? bucket.target[i] : i);
-        store2(o, moved);
-        o[2] = moved[2];
+        VT_UNROLL for (int f = 0; f < N; ++f) {
+            const f4 moved = p + move(b[f], bucket.rest + i * 3);
+            store2(o + f * stride, moved);
+            o[f * stride + 2] = moved[2];
+        }
     };
     for (int64_t i = first; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
     float p[4] = {0, 0, 0, 0};  // the last position has nothing behind it to read
@@ -84,11 +101,14 @@ void frames(const Bucket& bucket, int64_t first, int64_t last, const float* tabl
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, int64_t count, int64_t joints, const float* table,
          float* out, int64_t stride, bool whole) {
-    for (int64_t f = 0; f < count; ++f) {
+    int64_t f = 0;
+    for (; !whole && f + kFrames <= count; f += kFrames)
+        points<K, kFrames>(bucket, first, last, joints, table + f * joints * 16, out + f * stride, stride);
+    for (; f < count; ++f) {
         if (whole)
             frames<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
         else
-            points<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
+            points<K, 1>(bucket, first, last, joints, table + f * joints * 16, out + f * stride, stride);
     }
 }
 

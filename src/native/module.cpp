@@ -240,6 +240,7 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
 
 NB_MODULE(_native, m) {
     m.doc() = "Kernels of vitruvian. Arrays belong to the caller, the GIL is released; see vitruvian.native.";
+    nb::module_::import_("atexit").attr("register")(nb::cpp_function(&vt::stop_helpers, nb::call_guard<nb::gil_scoped_release>()));
     m.def("instruction_set", [] { return use.name; });
     m.def("use_instruction_set", [](const std::string& name) {
         const Kernels wanted = name == "base" ? Kernels VT_KERNELS(base) : best();
