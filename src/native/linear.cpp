@@ -31,6 +31,20 @@ inline f4 high(f8 v) {
     memcpy(&r, reinterpret_cast<const char*>(&v) + 16, 16);
     return r;
 }
+// Fewer loads than one per number: they are what there is most of.
+inline f8 twice(f4 v) { return join(v, v); }
+VT_INLINE f8 spread(f8 v, int64_t k) {
+#if defined(VT_VECTORS)
+    switch (k) {
+        case 0: return VT_SHUFFLE8(v, v, 0, 0, 0, 0, 4, 4, 4, 4);
+        case 1: return VT_SHUFFLE8(v, v, 1, 1, 1, 1, 5, 5, 5, 5);
+        case 2: return VT_SHUFFLE8(v, v, 2, 2, 2, 2, 6, 6, 6, 6);
+        default: return VT_SHUFFLE8(v, v, 3, 3, 3, 3, 7, 7, 7, 7);
+    }
+#else
+    return all(v[int(k)]);
+#endif
+}
 inline void store2(float* p, f4 v) { memcpy(p, &v, 8); }
 
 template <int K>
@@ -49,7 +63,7 @@ inline Blend blend(const float* table, const int32_t* joint, const float* weight
     return b;
 }
 
-inline f4 move(const Blend& b, const float* p) {
+inline f4 move(const Blend& b, f4 p) {
     return low(b.xy) * p[0] + high(b.xy) * p[1] + (low(b.zt) * p[2] + high(b.zt));
 }
 
@@ -63,8 +77,10 @@ void points(const Bucket& bucket, int64_t first, int64_t last, int64_t joints, c
         const int64_t count = K ? K : bucket.row[i + 1] - entry;
         Blend b[N];
         VT_UNROLL for (int f = 0; f < N; ++f) b[f].xy = b[f].zt = all(0.0f);
-        for (int64_t k = 0; k < (K ? K : count); ++k) {
-            const float w = bucket.weight[entry + k];
+        f8 weights;
+        VT_UNROLL for (int64_t k = 0; k < (K ? K : count); ++k) {
+            if (K >= 4 && k % 4 == 0) weights = twice(load4(bucket.weight + entry + k));
+            const f8 w = K >= 4 ? spread(weights, k % 4) : all(bucket.weight[entry + k]);
             const float* row = table + bucket.joint[entry + k];
             VT_UNROLL for (int f = 0; f < N; ++f) {
                 const f8 xy = load8(row + f * joints * 16), zt = load8(row + f * joints * 16 + 8);
@@ -74,7 +90,7 @@ void points(const Bucket& bucket, int64_t first, int64_t last, int64_t joints, c
         }
         float* o = out + 3 * (bucket.target ? bucket.target[i] : i);
         VT_UNROLL for (int f = 0; f < N; ++f) {
-            const f4 moved = p + move(b[f], bucket.rest + i * 3);
+            const f4 moved = p + move(b[f], p);
             store2(o + f * stride, moved);
             o[f * stride + 2] = moved[2];
         }
