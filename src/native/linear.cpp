@@ -15,6 +15,7 @@ void linear_table(int64_t count, const double* matrix, float* out) {
 
 namespace {
 
+const int kAhead = 64;  // vertices
 const int kFrames = 4;  // that are worked on at once
 
 struct Blend {
@@ -95,7 +96,16 @@ void points(const Bucket& bucket, int64_t first, int64_t last, int64_t joints, c
             o[f * stride + 2] = moved[2];
         }
     };
-    for (int64_t i = first; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
+    int64_t i = first;
+    for (; K && N == 1 && i + 4 < last; i += 4) {  // large meshes wait for memory
+        const int64_t soon = i + kAhead;
+        VT_PREFETCH(bucket.joint + soon * K, 0);
+        VT_PREFETCH(bucket.weight + soon * K, 0);
+        VT_PREFETCH(bucket.rest + soon * 3, 0);
+        VT_PREFETCH(out + soon * 3, 1);
+        for (int64_t l = 0; l < 4; ++l) one(i + l, load4(bucket.rest + (i + l) * 3));
+    }
+    for (; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
     float p[4] = {0, 0, 0, 0};  // the last position has nothing behind it to read
     memcpy(p, bucket.rest + (last - 1) * 3, 12);
     one(last - 1, load4(p));
