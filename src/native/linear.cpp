@@ -32,8 +32,16 @@ inline f4 high(f8 v) {
     memcpy(&r, reinterpret_cast<const char*>(&v) + 16, 16);
     return r;
 }
-// Fewer loads than one per number: they are what there is most of.
-inline f8 twice(f4 v) { return join(v, v); }
+// Four numbers twice, and one of them in all places: fewer loads than one per number, and loads are most of the work.
+inline f8 twice(f4 v) {
+#if defined(VT_VECTORS)
+    return join(v, v);
+#else
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = v[i % 4];
+    return r;
+#endif
+}
 VT_INLINE f8 spread(f8 v, int64_t k) {
 #if defined(VT_VECTORS)
     switch (k) {

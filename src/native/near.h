@@ -20,7 +20,7 @@ template <int K>
 struct Near {
     int32_t joint[K];
     bool known = false;
-    float worst;
+    float worst = 0;
     float apart[K][K], slide[K][K];
 
     void learn(const float* table, const int32_t* index) {
