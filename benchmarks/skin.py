@@ -1,6 +1,8 @@
 """Skinning against UsdSkel, against the memory it has to touch, and the operators against each other.
 
-Everything of one row runs in one process, taking turns; times are medians. Run: python benchmarks/skin.py [--quick]
+Everything of one row runs in one process, taking turns of five runs each; times are medians over all runs. The threads
+of UsdSkel go on looking for work for a while after its call, on processors that whoever comes next needs: with turns of
+several runs that falls on the first of them only. Run: python benchmarks/skin.py [--quick]
 """
 
 from __future__ import annotations
@@ -45,17 +47,21 @@ def poses(body: Body, frames: int, angle: float = 0.25, seed: int = 1) -> np.nda
     return pose_matrices(body.skeleton, turns, rng.normal(scale=0.02, size=(frames, len(body.skeleton), 3)))
 
 
+TURN = 5  # runs in a row
+
+
 def interleaved(tasks: dict[str, Callable[[], object]], seconds: float) -> dict[str, float]:
-    """Median time of each task, the tasks taking turns for about that long in all."""
+    """Median time of each task, the tasks taking turns of `TURN` runs, all timed, for about that long in all."""
     times: dict[str, list[float]] = {name: [] for name in tasks}
     for task in tasks.values():
         task()
     stop = time.perf_counter() + seconds
     while time.perf_counter() < stop or len(next(iter(times.values()))) < 5:
         for name, task in tasks.items():
-            start = time.perf_counter()
-            task()
-            times[name].append(time.perf_counter() - start)
+            for _ in range(TURN):
+                start = time.perf_counter()
+                task()
+                times[name].append(time.perf_counter() - start)
     return {name: float(np.median(t)) for name, t in times.items()}
 
 
@@ -131,7 +137,6 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
     (b,) = bound["linear"].operator.buckets  # type: ignore[attr-defined]
     table = native.linear_table(matrices)
     tasks: dict[str, Callable[[], object]] = {
-        # each of the two is preceded by something that uses other memory, so neither finds its own in the cache
         "kernel": lambda: native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, result, 0),
         "usd": usd,
         "touch": lambda: native.touch(table[0], b.rest, b.joint, b.weight, result[0], 0),

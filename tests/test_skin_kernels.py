@@ -1,5 +1,10 @@
 """The compiled kernels: equal to their twins, blind to how influences are written down and to threads."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -46,6 +51,22 @@ def test_kernel_equals_twin(name, influences, sums, angle, instructions, monkeyp
     assert np.abs(d.frames(m) - twin[1]).max() < 1.5e-6
 
 
+@pytest.mark.parametrize("influences", [2, 4, 8])
+@pytest.mark.parametrize("angle", [0.05, 0.25, 0.4, 0.6])
+def test_log_equals_twin_among_joints_that_are_near_and_far(influences, angle, instructions, monkeypatch):
+    """Chains of joints, on both sides of the angle up to which the kernel blends and steps in one go."""
+    joint = np.arange(12)
+    body = skins.crowd(influences, vertices=500, seed=3)
+    rng = np.random.default_rng(5)
+    first = np.sort(rng.integers(0, 12 - influences + 1, 500))[:, None] + joint[:influences]
+    weight = rng.dirichlet(np.full(influences, 0.7), 500)
+    rows = Weights.from_pairs(500, np.repeat(np.arange(500), influences), first.ravel(), weight.ravel())
+    body = Body("chain", body.skeleton, Skin(body.skin.rest, body.skin.triangles, rows))
+    m = skins.poses(body, angle=angle)
+    d = deformer("log", body)
+    assert np.abs(d(m) - by_twin(monkeypatch, lambda: d(m))).max() < 1.5e-6
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_kernel_equals_twin_on_wild_and_scaled_motions(name, monkeypatch):
     body = skins.crowd(6, seed=9)
@@ -72,6 +93,48 @@ def test_threads_batches_and_blocks_do_not_change_a_bit(name):
         assert np.array_equal(d(m), first)
         assert np.array_equal(d.normals(first), deformer(name, body, threads=1).normals(first))
     assert all(np.array_equal(deformer(name, body)(m[f]), first[f]) for f in range(3))
+
+
+POOL = """
+import os, sys, threading
+import numpy as np
+sys.path.insert(0, "tests")
+import skins
+from vitruvian.deform.deformer import deformer
+
+body = skins.crowd(4, vertices=9000)
+m = skins.poses(body, frames=1)
+d = deformer("linear", body, threads=3)
+expected = deformer("linear", body, threads=1)(m)
+
+def same():
+    return np.array_equal(d(m), expected)
+
+def many(found):
+    found.append(all(same() for _ in range(50)))
+"""
+
+
+@pytest.mark.parametrize(
+    "ending",
+    [
+        "assert all(same() for _ in range(200))",
+        # four callers at once: one has the helpers, the others work alone
+        "found = []\nrun = [threading.Thread(target=many, args=(found,)) for _ in range(4)]\n"
+        "[t.start() for t in run]; [t.join() for t in run]\nassert found == [True] * 4",
+        # a child has no helpers but its own
+        "assert same()\npid = os.fork()\nif pid == 0: os._exit(0 if same() and same() else 1)\n"
+        "assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0\nassert same()",
+        # after the helpers have ended
+        "import atexit\nassert same()\natexit._run_exitfuncs()\nassert same()",
+    ],
+    ids=["calls", "callers", "fork", "exit"],
+)
+def test_helper_threads(ending):
+    if "fork" in ending and not hasattr(os, "fork"):
+        pytest.skip("this system has no fork")
+    root = Path(__file__).resolve().parent.parent
+    subprocess.run([sys.executable, "-c", POOL + ending], cwd=root, check=True, timeout=30)
 
 
 def rewritten(body: Body, pairs) -> Body:

@@ -13,6 +13,11 @@
 #else
 #define VT_INLINE inline
 #endif
+#if defined(__GNUC__) || defined(__clang__)
+#define VT_PREFETCH(place, write) __builtin_prefetch(place, write)
+#else
+#define VT_PREFETCH(place, write)
+#endif
 #if defined(__GNUC__) && !defined(__clang__)
 #define VT_UNROLL _Pragma("GCC unroll 8")
 #else

@@ -15,6 +15,9 @@ void linear_table(int64_t count, const double* matrix, float* out) {
 
 namespace {
 
+const int kAhead = 64;  // vertices
+const int kFrames = 4;  // that are worked on at once
+
 struct Blend {
     f8 xy, zt;  // columns x, y and z, translation of A - I
 };
@@ -28,6 +31,28 @@ inline f4 high(f8 v) {
     f4 r;
     memcpy(&r, reinterpret_cast<const char*>(&v) + 16, 16);
     return r;
+}
+// Four numbers twice, and one of them in all places: fewer loads than one per number, and loads are most of the work.
+inline f8 twice(f4 v) {
+#if defined(VT_VECTORS)
+    return join(v, v);
+#else
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = v[i % 4];
+    return r;
+#endif
+}
+VT_INLINE f8 spread(f8 v, int64_t k) {
+#if defined(VT_VECTORS)
+    switch (k) {
+        case 0: return VT_SHUFFLE8(v, v, 0, 0, 0, 0, 4, 4, 4, 4);
+        case 1: return VT_SHUFFLE8(v, v, 1, 1, 1, 1, 5, 5, 5, 5);
+        case 2: return VT_SHUFFLE8(v, v, 2, 2, 2, 2, 6, 6, 6, 6);
+        default: return VT_SHUFFLE8(v, v, 3, 3, 3, 3, 7, 7, 7, 7);
+    }
+#else
+    return all(v[int(k)]);
+#endif
 }
 inline void store2(float* p, f4 v) { memcpy(p, &v, 8); }
 
@@ -47,22 +72,48 @@ inline Blend blend(const float* table, const int32_t* joint, const float* weight
     return b;
 }
 
-inline f4 move(const Blend& b, const float* p) {
+inline f4 move(const Blend& b, f4 p) {
     return low(b.xy) * p[0] + high(b.xy) * p[1] + (low(b.zt) * p[2] + high(b.zt));
 }
 
-template <int K>
-void points(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
+// N frames at once, `joints` * 16 floats apart in the table and `stride` in out: they share the loads of joints and
+// weights, which are half of all.
+template <int K, int N>
+void points(const Bucket& bucket, int64_t first, int64_t last, int64_t joints, const float* table, float* out,
+            int64_t stride) {
     const auto one = [&](int64_t i, f4 p) {
         const int64_t entry = K ? i * K : bucket.row[i];
         const int64_t count = K ? K : bucket.row[i + 1] - entry;
-        const Blend b = blend<K>(table, bucket.joint + entry, bucket.weight + entry, count);
-        const f4 moved = p + move(b, bucket.rest + i * 3);
+        Blend b[N];
+        VT_UNROLL for (int f = 0; f < N; ++f) b[f].xy = b[f].zt = all(0.0f);
+        f8 weights;
+        VT_UNROLL for (int64_t k = 0; k < (K ? K : count); ++k) {
+            if (K >= 4 && k % 4 == 0) weights = twice(load4(bucket.weight + entry + k));
+            const f8 w = K >= 4 ? spread(weights, k % 4) : all(bucket.weight[entry + k]);
+            const float* row = table + bucket.joint[entry + k];
+            VT_UNROLL for (int f = 0; f < N; ++f) {
+                const f8 xy = load8(row + f * joints * 16), zt = load8(row + f * joints * 16 + 8);
+                b[f].xy = k ? b[f].xy + xy * w : xy * w;
+                b[f].zt = k ? b[f].zt + zt * w : zt * w;
+            }
+        }
         float* o = out + 3 * (bucket.target ? bucket.target[i] : i);
-        store2(o, moved);
-        o[2] = moved[2];
+        VT_UNROLL for (int f = 0; f < N; ++f) {
+            const f4 moved = p + move(b[f], p);
+            store2(o + f * stride, moved);
+            o[f * stride + 2] = moved[2];
+        }
     };
-    for (int64_t i = first; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
+    int64_t i = first;
+    for (; K && N == 1 && i + 4 < last; i += 4) {  // large meshes wait for memory
+        const int64_t soon = i + kAhead;
+        VT_PREFETCH(bucket.joint + soon * K, 0);
+        VT_PREFETCH(bucket.weight + soon * K, 0);
+        VT_PREFETCH(bucket.rest + soon * 3, 0);
+        VT_PREFETCH(out + soon * 3, 1);
+        for (int64_t l = 0; l < 4; ++l) one(i + l, load4(bucket.rest + (i + l) * 3));
+    }
+    for (; i + 1 < last; ++i) one(i, load4(bucket.rest + i * 3));
     float p[4] = {0, 0, 0, 0};  // the last position has nothing behind it to read
     memcpy(p, bucket.rest + (last - 1) * 3, 12);
     one(last - 1, load4(p));
@@ -84,11 +135,14 @@ void frames(const Bucket& bucket, int64_t first, int64_t last, const float* tabl
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, int64_t count, int64_t joints, const float* table,
          float* out, int64_t stride, bool whole) {
-    for (int64_t f = 0; f < count; ++f) {
+    int64_t f = 0;
+    for (; !whole && f + kFrames <= count; f += kFrames)
+        points<K, kFrames>(bucket, first, last, joints, table + f * joints * 16, out + f * stride, stride);
+    for (; f < count; ++f) {
         if (whole)
             frames<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
         else
-            points<K>(bucket, first, last, table + f * joints * 16, out + f * stride);
+            points<K, 1>(bucket, first, last, joints, table + f * joints * 16, out + f * stride, stride);
     }
 }
 

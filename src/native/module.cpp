@@ -130,10 +130,12 @@ nb::ndarray<nb::numpy, T> owned(std::initializer_list<size_t> shape) {
     return nb::ndarray<nb::numpy, T>(values, shape, owner);
 }
 
-const int64_t kBlock = 512;  // vertices whose positions and weights stay in the cache for all frames
+// Vertices whose positions and weights stay in the first level cache for all frames; of one frame a longer run, which
+// the processor reads ahead in.
+const int64_t kBlock = 512, kRun = 2048;
 
-int64_t blocks(int64_t count) { return (count + kBlock - 1) / kBlock; }
-int64_t stop(int64_t block, int64_t count) { return (block + 1) * kBlock < count ? (block + 1) * kBlock : count; }
+int64_t blocks(int64_t count, int64_t block) { return (count + block - 1) / block; }
+int64_t stop(int64_t i, int64_t count, int64_t block) { return (i + 1) * block < count ? (i + 1) * block : count; }
 
 nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices) {
     auto out = owned<float>({matrices.shape(0), matrices.shape(1), 16});
@@ -156,8 +158,9 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     const int64_t stride = int64_t(out.shape(1) * out.shape(2));
     const bool whole = out.shape(2) == 12;
     const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
-    each(blocks(count), workers, [&](int64_t i) {
-        use.linear(bucket, i * kBlock, stop(i, count), frames, joints, table.data(), out.data(), stride, whole);
+    const int64_t block = frames > 1 ? kBlock : kRun;
+    each(blocks(count, block), workers, [&](int64_t i) {
+        use.linear(bucket, i * block, stop(i, count, block), frames, joints, table.data(), out.data(), stride, whole);
     });
 }
 
@@ -165,8 +168,8 @@ void touch(std::optional<Array<float, 2>> table, AnyArray<float> rest, Array<int
     const int64_t count = int64_t(joint.shape(0));
     check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
     const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, nullptr};
-    each(blocks(count), vt::threads_for(count, threads),
-         [&](int64_t i) { use.touch(bucket, i * kBlock, stop(i, count), data(table), out.data()); });
+    each(blocks(count, kRun), vt::threads_for(count, threads),
+         [&](int64_t i) { use.touch(bucket, i * kRun, stop(i, count, kRun), data(table), out.data()); });
 }
 
 double deviation(Array<double, 4> matrices) {
@@ -213,7 +216,9 @@ void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> ag
     job.out = out.data();
     job.whole = out.shape(2) == 12;
     const int workers = vt::threads_for(count * (job.frames < 4 ? job.frames : 4), threads);
-    each(blocks(count), workers, [&](int64_t i) { use.rigid(bucket, i * kBlock, stop(i, count), job); });
+    const int64_t block = job.frames > 1 ? kBlock : kRun;
+    each(blocks(count, block), workers,
+         [&](int64_t i) { use.rigid(bucket, i * block, stop(i, count, block), job); });
 }
 
 // Unit normals out (F,V,3) of points (F,V,3).
@@ -227,11 +232,11 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
     for (int64_t f = 0; f < frames; ++f) {
         const float* p = points.data() + f * vertices * 3;
         float* o = out.data() + f * vertices * 3;
-        each(blocks(count), workers, [&](int64_t i) {
-            use.face_normals(i * kBlock, stop(i, count), p, triangles.data(), faces.data());
+        each(blocks(count, kRun), workers, [&](int64_t i) {
+            use.face_normals(i * kRun, stop(i, count, kRun), p, triangles.data(), faces.data());
         });
-        each(blocks(vertices), workers, [&](int64_t i) {
-            use.vertex_normals(i * kBlock, stop(i, vertices), faces.data(), row.data(), face.data(), point.data(), o);
+        each(blocks(vertices, kRun), workers, [&](int64_t i) {
+            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.data(), row.data(), face.data(), point.data(), o);
         });
     }
 }
@@ -240,6 +245,8 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
 
 NB_MODULE(_native, m) {
     m.doc() = "Kernels of vitruvian. Arrays belong to the caller, the GIL is released; see vitruvian.native.";
+    nb::module_::import_("atexit").attr("register")(
+        nb::cpp_function(&vt::stop_helpers, nb::call_guard<nb::gil_scoped_release>()));
     m.def("instruction_set", [] { return use.name; });
     m.def("use_instruction_set", [](const std::string& name) {
         const Kernels wanted = name == "base" ? Kernels VT_KERNELS(base) : best();

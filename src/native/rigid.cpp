@@ -8,29 +8,32 @@
 // sqrt(n), all dual numbers. No trigonometry, no product of quaternions.
 #include "dual.h"
 #include "kernels.h"
+#include "near.h"
 
 namespace vt::VT_NS {
 
 namespace {
 
-// Makes the real part one long; where it has no length, the motion of the joint with the largest weight.
-inline void normalise(Dual& b, const float* table, const int32_t* joint, const float* weight, int n) {
-    f8 length = dot(b.v, b.v);
-    if (any_below(length, 1e-14f)) {
-        float v[8][8], size[8];
-        store8(size, length);
-        for (int c = 0; c < 8; ++c) store8(v[c], b.v[c]);
-        for (int l = 0; l < 8; ++l) {
-            if (size[l] >= 1e-14f) continue;
-            int best = 0;
-            for (int k = 1; k < n; ++k)
-                if (weight[k * 8 + l] > weight[best * 8 + l]) best = k;
-            for (int c = 0; c < 8; ++c) v[c][l] = table[joint[best * 8 + l] + c];
-        }
-        for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
-        length = dot(b.v, b.v);
+// Where the real part has no length, the motion of the joint with the largest weight.
+inline void mend(Dual& b, const float* table, const int32_t* joint, const float* weight, int n) {
+    const f8 length = dot(b.v, b.v);
+    if (!any_below(length, 1e-14f)) return;
+    float v[8][8], size[8];
+    store8(size, length);
+    for (int c = 0; c < 8; ++c) store8(v[c], b.v[c]);
+    for (int l = 0; l < 8; ++l) {
+        if (size[l] >= 1e-14f) continue;
+        int best = 0;
+        for (int k = 1; k < n; ++k)
+            if (weight[k * 8 + l] > weight[best * 8 + l]) best = k;
+        for (int c = 0; c < 8; ++c) v[c][l] = table[joint[best * 8 + l] + c];
     }
-    const f8 inverse = 1.0f / root(length);
+    for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
+}
+
+// Makes the real part one long.
+inline void normalise(Dual& b) {
+    const f8 inverse = 1.0f / root(dot(b.v, b.v));
     for (f8& c : b.v) c = c * inverse;
 }
 
@@ -53,33 +56,6 @@ inline void choose_signs(const float* table, const int32_t* joint, const float* 
         sign[k] = where_negative(dot(gather<false>(table, joint + k * 8).v, best.v), all(-1.0f), all(1.0f));
 }
 
-// Products of the dual quaternions of a group whose eight vertices have the same K joints: q_j . q_k, and its dual part.
-template <int K>
-struct Gram {
-    int32_t joint[K];
-    bool known = false;
-    float real[K][K], dual[K][K];
-
-    void learn(const float* table, const int32_t* index) {
-        bool same = known;
-        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k * 8];
-        if (same) return;
-        known = true;
-        for (int k = 0; k < K; ++k) joint[k] = index[k * 8];
-        for (int j = 0; j < K; ++j)
-            for (int k = j; k < K; ++k) {
-                const float *p = table + joint[j], *q = table + joint[k];
-                float a = 0, b = 0;
-                for (int c = 0; c < 4; ++c) {
-                    a += p[c] * q[c];
-                    b += p[c] * q[4 + c] + p[4 + c] * q[c];
-                }
-                real[j][k] = real[k][j] = a;
-                dual[j][k] = dual[k][j] = b;
-            }
-    }
-};
-
 const int kBatch = 4;  // groups that go through each phase before the next one: their chains of arithmetic overlap
 
 // What is worked out about one group of eight vertices. Phases are short so that everything stays in registers.
@@ -89,7 +65,6 @@ struct Work {
     const float* weight;
     static constexpr int n = K;
     bool uniform;
-    bool quick = false;  // `weigh` has done it
     Dual a, b;
     f8 real[K], dual[K];  // weights of the second blend: w f and w f' c'
     f8 sign[K];
@@ -133,53 +108,6 @@ struct Work {
             real[k] = w * f;
             dual[k] = w * slope * c_dual;
         }
-    }
-
-    // Blend and one step in terms of weights alone: A, c, s and B are sums of the q_k, so A exp(.) is one blend with dual
-    // weights, found from the products of the q_k. It is normalised as a whole, A (s' - s) + B with s' = 1 for
-    // sqrt(n) / tan sqrt(n), which is right to n sqrt(n) / 3: hence only where the blend is nearly as long as its parts
-    // (joints within about 45 degrees), else false.
-    bool weigh(const Gram<K>& gram) {
-        f8 w[K], y[K], z[K], n = all(0.0f), m = all(0.0f);
-        VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            y[k] = w[0] * gram.real[0][k];
-            z[k] = w[0] * gram.dual[0][k];
-            VT_UNROLL for (int j = 1; j < K; ++j) {
-                y[k] += w[j] * gram.real[j][k];
-                z[k] += w[j] * gram.dual[j][k];
-            }
-            n += w[k] * y[k];
-            m += w[k] * z[k];
-        }
-        const f8 r = 1.0f / root(n), h = 0.5f * m * r * r;  // of the blend: 1 / length, and the dual part of its log
-        f8 s = all(0.0f), s_dual = all(0.0f), least = n - 0.06f;
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            y[k] = r * y[k];
-            least = where_negative(y[k] - least, y[k], least);
-        }
-        if (any_below(least, 0.9f)) return false;
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            const f8 c = y[k], c_dual = r * z[k] - c * h, d = 1.0f - c;
-            const f8 f = w[k] * close_f(d), g = w[k] * close_slope(d) * c_dual;
-            real[k] = f;
-            dual[k] = g;
-            s += f * c;
-            s_dual += f * c_dual + g * c;
-        }
-        const f8 more = (1.0f - s) * r, more_dual = 0.0f - r * s_dual - more * h;
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            real[k] += w[k] * more;
-            dual[k] += w[k] * more_dual;
-        }
-        return true;
-    }
-
-    // What `weigh` has prepared, made one long; its length is 1 to a few thousandths.
-    void blend_weighed(const float* table) {
-        blend_again<true>(table);
-        const f8 m = dot(b.v, b.v) - 1.0f, scale = 1.0f - m * (0.5f - 0.375f * m);
-        for (int c = 0; c < 8; ++c) a.v[c] = b.v[c] * scale;
     }
 
     template <bool U>
@@ -271,9 +199,10 @@ inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 mo
     }
 }
 
-// p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part.
+// p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part;
+// for any length of the real part, and whatever multiple of it the dual part contains.
 VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
-    const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7];
+    const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7], two = 2.0f / dot(a.v, a.v);
     const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
     f8 c[3];
     for (int i = 0; i < 3; ++i) {
@@ -282,18 +211,19 @@ VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
     }
     for (int i = 0; i < 3; ++i) {
         const int j = i == 2 ? 0 : i + 1, k = i == 0 ? 2 : i - 1;
-        out[i] = p[i] + 2.0f * (u[j] * c[k] - u[k] * c[j] + w * e[i] - ew * u[i]);
+        out[i] = p[i] + two * (u[j] * c[k] - u[k] * c[j] + w * e[i] - ew * u[i]);
     }
 }
 
 inline void write_frames(const Bucket& bucket, int64_t place, int64_t last, const Dual& a, float* out) {
     const f8 x = a.v[0], y = a.v[1], z = a.v[2], w = a.v[3], ex = a.v[4], ey = a.v[5], ez = a.v[6], ew = a.v[7];
-    const f8 m[12] = {1.0f - 2.0f * (y * y + z * z), 2.0f * (x * y - z * w), 2.0f * (x * z + y * w),
-                      2.0f * (w * ex - ew * x + y * ez - z * ey),
-                      2.0f * (x * y + z * w), 1.0f - 2.0f * (x * x + z * z), 2.0f * (y * z - x * w),
-                      2.0f * (w * ey - ew * y + z * ex - x * ez),
-                      2.0f * (x * z - y * w), 2.0f * (y * z + x * w), 1.0f - 2.0f * (x * x + y * y),
-                      2.0f * (w * ez - ew * z + x * ey - y * ex)};
+    const f8 two = 2.0f / dot(a.v, a.v);
+    const f8 m[12] = {1.0f - two * (y * y + z * z), two * (x * y - z * w), two * (x * z + y * w),
+                      two * (w * ex - ew * x + y * ez - z * ey),
+                      two * (x * y + z * w), 1.0f - two * (x * x + z * z), two * (y * z - x * w),
+                      two * (w * ey - ew * y + z * ex - x * ez),
+                      two * (x * z - y * w), two * (y * z + x * w), 1.0f - two * (x * x + y * y),
+                      two * (w * ez - ew * z + x * ey - y * ex)};
     float v[12][8];
     for (int c = 0; c < 12; ++c) store8(v[c], m[c]);
     for (int64_t l = 0; l < 8 && place + l < last; ++l) {
@@ -319,8 +249,7 @@ inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t
 
 // Up to kBatch groups, whose first vertices are `place`, in frame f.
 template <int K>
-void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last,
-                 Gram<K>& gram) {
+void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
     const float* table = job.table + f * job.rows * 8;
     const bool flip = job.agree && !job.agree[f];
     const int steps = K == 1 ? 0 : job.steps;
@@ -330,35 +259,24 @@ void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int
         w.joint = bucket.joint + place[g] * K;
         w.weight = bucket.weight + place[g] * K;
         w.uniform = bucket.uniform[place[g] / 8];
-        if ((K == 2 || K == 4) && w.uniform && steps == 1 && !flip) {
-            gram.learn(table, w.joint);
-            w.quick = w.weigh(gram);
-        }
-    }
-    for (int g = 0; g < groups; ++g) {
-        Work<K>& w = work[g];
-        if (w.quick)
-            w.blend_weighed(table);
-        else if (K == 1)
-            w.a = gather<false>(table, w.joint);
-        else if (w.uniform)
+        if (w.uniform)
             w.template blend<true>(table, flip, steps > 0);
         else
             w.template blend<false>(table, flip, steps > 0);
     }
-    for (int g = 0; g < groups && K > 1; ++g)
-        if (!work[g].quick) normalise(work[g].a, table, work[g].joint, work[g].weight, K);
+    for (int g = 0; g < groups; ++g) mend(work[g].a, table, work[g].joint, work[g].weight, K);
     for (int step = 0; step < steps; ++step) {
         for (int g = 0; g < groups; ++g) {
-            if (work[g].quick) continue;
-            if (step == 0) perpendicular(work[g].a);
+            if (step == 0) {
+                normalise(work[g].a);
+                perpendicular(work[g].a);
+            }
             if (work[g].uniform)
                 work[g].template compare<true>(table, flip);
             else
                 work[g].template compare<false>(table, flip);
         }
         for (int g = 0; g < groups; ++g) {
-            if (work[g].quick) continue;
             if (work[g].uniform)
                 work[g].template blend_again<true>(table);
             else
@@ -367,6 +285,30 @@ void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int
         }
     }
     for (int g = 0; g < groups; ++g) finish(bucket, job, f, place[g], last, work[g].a);
+}
+
+// One group, if a short way to its motion is open.
+template <int K>
+VT_INLINE bool blend_one(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
+    const float* table = job.table + f * job.rows * 8;
+    const int32_t* joint = bucket.joint + place * K;
+    const float* weight = bucket.weight + place * K;
+    Dual a;
+    if constexpr (K == 1) {
+        a = gather<false>(table, joint);
+    } else {
+        if (!bucket.uniform[place / 8] || (job.agree && !job.agree[f])) return false;
+        if (job.steps == 0) {
+            a = sum_rows<K, true>(table, joint, weight, K);
+            mend(a, table, joint, weight, K);
+        } else {
+            if (job.steps > 1 || K > 8) return false;
+            near.learn(table, joint);
+            if (!near.blend(table, weight, a)) return false;
+        }
+    }
+    finish(bucket, job, f, place, last, a);
+    return true;
 }
 
 template <int K>
@@ -389,22 +331,23 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
     for (int64_t f = 0; f < job.frames; ++f) {
         const float* mix = job.mix ? job.mix + f * job.vertices : nullptr;
         int64_t place[kBatch];
-        Gram<K> gram;
+        Near<K <= 8 ? K : 1> near;
         int groups = 0;
-        for (int64_t p = first; p < last; p += 8) {
-            if (!(mix && unwanted(bucket, p, last, mix))) place[groups++] = p;
-            if (groups < kBatch) continue;
+        const auto finish_batch = [&] {
             if (job.twists)
                 twist_batch<K>(bucket, job, f, place, groups, last);
             else
-                blend_batch<K>(bucket, job, f, place, groups, last, gram);
+                blend_batch<K>(bucket, job, f, place, groups, last);
             groups = 0;
+        };
+        for (int64_t p = first; p < last; p += 8) {
+            if (mix && unwanted(bucket, p, last, mix)) continue;
+            if constexpr (K <= 8)
+                if (!job.twists && blend_one<K>(bucket, job, f, p, last, near)) continue;
+            place[groups++] = p;
+            if (groups == kBatch) finish_batch();
         }
-        if (!groups) continue;
-        if (job.twists)
-            twist_batch<K>(bucket, job, f, place, groups, last);
-        else
-            blend_batch<K>(bucket, job, f, place, groups, last, gram);
+        if (groups) finish_batch();
     }
 }
 
