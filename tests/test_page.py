@@ -341,6 +341,20 @@ def test_a_long_clip_of_a_full_skeleton_stays_below_20_megabytes(tmp_path):
     assert made["bytes"] < 20e6
 
 
+def test_a_figure_in_coarser_detail_lies_on_the_same_skin_and_stands_whole(browser, tmp_path):
+    clip = walking_person()
+    record(clip, tmp_path / "person.html")
+    with opened(browser, (tmp_path / "person.html").as_uri(), (240, 180)) as page:
+        wait(page, "vitruvian.drawn < 0.8 * vitruvian.actors[0].triangles")  # software drawing, small canvas, playing
+        drawn, all_of_them = page.evaluate("[vitruvian.drawn, vitruvian.actors[0].triangles]")
+        assert 0.3 * all_of_them < drawn
+        pause(page)
+        scrub(page, 12)
+        assert page.evaluate("vitruvian.drawn") == all_of_them
+        wanted = deformer("log", clip.body)(joint_matrices(clip.body.skeleton, clip.motion))[12]
+        assert np.abs(positions(page) - wanted).max() < 1e-4
+
+
 def walking_person() -> Clip:
     import vitruvian as vt
 
@@ -367,10 +381,10 @@ def test_the_built_in_person_fits_into_four_megabytes_and_shows_its_face(browser
 def test_a_full_figure_plays_at_thirty_frames_a_second(browser, tmp_path, make):
     record(make(), tmp_path / "clip.html")
     with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
-        page.wait_for_timeout(4000)
+        page.wait_for_timeout(6000)
         rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")
     print(f"{rate} pictures per second, {actors[0]['vertices']} vertices, {quality}, load {os.getloadavg()[0]:.1f}")
     assert rate > 5
-    if os.getloadavg()[0] > 1.5:
+    if rate < 30 and os.getloadavg()[0] > 2.5:
         pytest.skip(f"the machine is busy (load {os.getloadavg()[0]:.1f}): {rate} pictures per second say nothing")
     assert rate >= 30

@@ -40,6 +40,7 @@ MODULES = (
     "wire.js",
     "source.js",
     "deform.js",
+    "detail.js",
     "pose.js",
     "figure.js",
     "looks.js",

@@ -56,6 +56,24 @@ export function bind({ rest, row, joint, weight, triangles, centers, morphs = []
   };
 }
 
+/** The same skin with only those `vertices`, in that order: each deforms exactly as before. */
+export function subset(skin, vertices) {
+  const V = vertices.length, row = new Uint32Array(V + 1), of = new Int32Array(skin.V).fill(-1);
+  vertices.forEach((v, i) => { row[i + 1] = row[i] + skin.row[v + 1] - skin.row[v]; of[v] = i; });
+  const joint = new Uint16Array(row[V]), weight = new Float32Array(row[V]);
+  vertices.forEach((v, i) => {
+    joint.set(skin.joint.subarray(skin.row[v], skin.row[v + 1]), row[i]);
+    weight.set(skin.weight.subarray(skin.row[v], skin.row[v + 1]), row[i]);
+  });
+  const pick = (array, n) => { const out = new Float32Array(n * V); vertices.forEach((v, i) => out.set(array.subarray(n * v, n * v + n), n * i)); return out; };
+  const morphs = skin.morphs.map((m) => {
+    const keep = [...m.index.keys()].filter((k) => of[m.index[k]] >= 0);
+    return { ...m, index: Uint32Array.from(keep, (k) => of[m.index[k]]), offset: Float32Array.from(keep.flatMap((k) => [...m.offset.subarray(3 * k, 3 * k + 3)])) };
+  });
+  const rest = pick(skin.rest, 3);
+  return { ...skin, V, morphs, rest, moved: rest.slice(), over: pick(skin.over, 1), normals: pick(skin.normals, 3), row, joint, weight };
+}
+
 /** positions and normals (V*3 each, written) of `skin` in `pose` (J*12) with displacer `weights`, by that deformer. */
 export function deform(name, skin, pose, weights, positions, normals) {
   const { M, J } = skin;

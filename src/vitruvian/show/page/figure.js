@@ -1,7 +1,9 @@
 // One actor: its geometry, deformed on the processor each frame, and what is drawn on top of its skin.
+// Where drawing is slow, less of it while it plays (detail.js); all of it, exactly, as soon as it stands.
 
 import * as THREE from "three";
-import { DEFORMERS, bind, deform, restNormals } from "./deform.js";
+import { DEFORMERS, bind, deform, restNormals, subset } from "./deform.js";
+import { coarser, ordered } from "./detail.js";
 import { flat, material } from "./looks.js";
 import { RAMP, category, toLinear } from "./colors.js";
 import { center, turned } from "./pose.js";
@@ -22,11 +24,13 @@ export class Figure {
     this.row = get("row");
     this.joint = get("joint");
     this.weight = get("weight");
-    const rest = get("rest"), V = rest.length / 3;
+    const rest = (this.rest = get("rest")), V = rest.length / 3;
     this.source = get("source") ?? Uint32Array.from({ length: V }, (_, i) => i);
-    this.whole = this.source.length === V && this.source.every((s, i) => s === i);
+    this.unsplit = this.source.length === V && this.source.every((s, i) => s === i);
     this.triangles = get("triangles");
     const unsplit = this.triangles.map((i) => this.source[i]);
+    this.levels = new Map(); // cell -> a coarser surface, or null
+    this.coarse = null; // the one that is drawn
     this.turns = new Map(); // joint -> rotation (9) that was added by hand
     this.displaced = new Map(); // displacer -> weight set by hand
     this.isBody = this.joints.length > 0;
@@ -47,24 +51,12 @@ export class Figure {
   }
 
   build(parts, colors, openness, placement) {
-    const N = this.source.length, geometry = new THREE.BufferGeometry();
-    const attribute = (size, usage) => new THREE.BufferAttribute(new Float32Array(size * N), size).setUsage(usage);
-    geometry.setAttribute("position", attribute(3, THREE.DynamicDrawUsage));
-    geometry.setAttribute("normal", attribute(3, THREE.DynamicDrawUsage));
-    geometry.setIndex(new THREE.BufferAttribute(this.triangles, 1));
-    geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), 1e4);
-    geometry.boundingBox = new THREE.Box3(new THREE.Vector3(-1e4, -1e4, -1e4), new THREE.Vector3(1e4, 1e4, 1e4));
-    if (colors) {
-      this.painted = attribute(3, THREE.StaticDrawUsage);
-      this.source.forEach((s, i) => { for (let c = 0; c < 3; c++) this.painted.array[3 * i + c] = LINEAR[colors[3 * s + c]]; });
-      geometry.setAttribute("color", this.painted);
-    }
-    const open = new Float32Array(N).fill(1);
-    if (openness) this.source.forEach((s, i) => { open[i] = openness[s] / 255; });
-    geometry.setAttribute("openness", new THREE.BufferAttribute(open, 1));
-    parts.forEach((p, i) => geometry.addGroup(3 * p.start, 3 * (p.stop - p.start), i));
+    this.colors = colors;
+    this.openness = openness;
+    this.geometry = this.shape(this.source, this.triangles, parts); // whole; the mesh may have a coarser one
+    this.painted = this.geometry.attributes.color;
     this.looks = parts.map((p) => material(p, Boolean(colors)));
-    this.mesh = new THREE.Mesh(geometry, this.looks);
+    this.mesh = new THREE.Mesh(this.geometry, this.looks);
     Object.assign(this.mesh, { frustumCulled: false, castShadow: true, receiveShadow: true });
     this.group = new THREE.Group();
     this.space = new THREE.Group(); // humanoid space
@@ -73,6 +65,62 @@ export class Figure {
     this.group.add(this.space);
     this.parts = parts;
     this.upload();
+  }
+
+  /** A geometry that draws the skin vertices `source`; positions and normals are still to be filled in. */
+  shape(source, triangles, groups) {
+    const N = source.length, geometry = new THREE.BufferGeometry(), { colors, openness } = this;
+    const moving = () => new THREE.BufferAttribute(new Float32Array(3 * N), 3).setUsage(THREE.DynamicDrawUsage);
+    geometry.setAttribute("position", moving());
+    geometry.setAttribute("normal", moving());
+    geometry.setIndex(new THREE.BufferAttribute(N < 65536 ? Uint16Array.from(triangles) : triangles, 1));
+    geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(), 1e4);
+    geometry.boundingBox = new THREE.Box3(new THREE.Vector3(-1e4, -1e4, -1e4), new THREE.Vector3(1e4, 1e4, 1e4));
+    if (colors) {
+      const paint = new Float32Array(3 * N);
+      source.forEach((s, i) => { for (let c = 0; c < 3; c++) paint[3 * i + c] = LINEAR[colors[3 * s + c]]; });
+      geometry.setAttribute("color", new THREE.BufferAttribute(paint, 3));
+    }
+    const open = new Float32Array(N).fill(1);
+    if (openness) source.forEach((s, i) => { open[i] = openness[s] / 255; });
+    geometry.setAttribute("openness", new THREE.BufferAttribute(open, 1));
+    groups.forEach((g, i) => geometry.addGroup(3 * g.start, 3 * (g.stop - g.start), i));
+    return geometry;
+  }
+
+  /** Draw, from the next frame on, one point for each cell of `cell` metres; 0: all of them. */
+  detail(cell) {
+    if (!cell || !this.isBody) { this.coarse = null; return; }
+    const step = 2 ** (Math.floor(4 * Math.log2(cell)) / 4); // few different ones, so that each is made once
+    if (!this.levels.has(step)) this.levels.set(step, this.simplify(step));
+    this.coarse = this.levels.get(step);
+  }
+
+  simplify(cell) {
+    const { source, rest } = this, made = coarser(rest, this.triangles.map((i) => source[i]), this.parts, cell, this.kinds());
+    if (!made || made.triangles.length > 0.85 * this.triangles.length) return null; // not worth the difference
+    const { source: order, triangles } = ordered(made.triangles, made.groups, made.source.length), points = order.map((i) => made.source[i]);
+    return { source: points, geometry: this.shape(points, triangles, made.groups), skin: subset(this.skin, points) };
+  }
+
+  /** What must not be joined: what looks another way (6), has another colour (8), or lies in a fold as the mouth does (2). */
+  kinds() {
+    const { colors, openness } = this, { normals } = this.skin, out = new Uint8Array(this.rest.length / 3);
+    for (let v = 0, i = 0; v < out.length; v++, i += 3) {
+      const n = [normals[i], normals[i + 1], normals[i + 2]], size = n.map(Math.abs), axis = size.indexOf(Math.max(...size));
+      const color = colors ? (colors[i] >> 7) | ((colors[i + 1] >> 7) << 1) | ((colors[i + 2] >> 7) << 2) : 0;
+      out[v] = ((2 * Math.max(0, axis) + (n[axis] > 0)) * 8 + color) * 2 + (openness ? openness[v] < 90 : 0);
+    }
+    return out;
+  }
+
+  /** Skin vertex of each vertex that is being drawn. */
+  get drawn() { return this.coarse?.source ?? this.source; }
+
+  /** (V*3) of the whole skin as it is now, also while less of it is drawn. */
+  whole() {
+    if (this.coarse && !this.served) deform(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
+    return this.positions;
   }
 
   /** Take a frame's blocks; deform again. */
@@ -93,12 +141,19 @@ export class Figure {
     if (this.served) {
       wire.positions(this.served.vertices, this.positions);
       wire.normals(this.served.normals, this.normals);
-    } else {
-      const name = DEFORMERS.includes(this.deformer) ? this.deformer : "log";
-      deform(name, this.skin, this.matrices(), this.weights(), this.positions, this.normals);
-    }
+      this.coarse = null;
+    } else if (this.coarse) {
+      const { geometry, skin } = this.coarse, { position, normal } = geometry.attributes;
+      deform(this.kernel(), skin, this.matrices(), this.weights(), position.array, normal.array);
+      position.needsUpdate = normal.needsUpdate = true;
+      this.mesh.geometry = geometry;
+      return;
+    } else deform(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
+    this.mesh.geometry = this.geometry;
     this.upload();
   }
+
+  kernel() { return DEFORMERS.includes(this.deformer) ? this.deformer : "log"; }
 
   matrices() { return this.binding ? multiply(this.pose, this.binding, this.bound) : this.pose; }
 
@@ -110,8 +165,8 @@ export class Figure {
   }
 
   upload() {
-    const { position, normal } = this.mesh.geometry.attributes, p = position.array, n = normal.array, { source, positions, normals } = this;
-    if (this.whole) { p.set(positions); n.set(normals); } // nothing was split
+    const { position, normal } = this.geometry.attributes, p = position.array, n = normal.array, { source, positions, normals } = this;
+    if (this.unsplit) { p.set(positions); n.set(normals); } // nothing was split
     else for (let i = 0, k = 0; i < source.length; i++, k += 3) {
       const s = 3 * source[i];
       p[k] = positions[s]; p[k + 1] = positions[s + 1]; p[k + 2] = positions[s + 2];
@@ -122,7 +177,7 @@ export class Figure {
 
   /** skin, weights (of joint `j`) or segments. */
   paint(mode, j = 0) {
-    const { geometry } = this.mesh, N = this.source.length;
+    const { geometry } = this, N = this.source.length;
     if (mode === "skin" || !this.isBody) {
       if (this.painted) geometry.setAttribute("color", this.painted);
       this.mesh.material = this.looks;
@@ -161,7 +216,7 @@ export class Figure {
         const id = Math.min(a, b) * N + Math.max(a, b);
         if (!seen.has(id)) { seen.add(id); index.push(a, b); }
       }
-      lines.setAttribute("position", this.mesh.geometry.attributes.position);
+      lines.setAttribute("position", this.geometry.attributes.position);
       lines.setIndex(index);
       const look = new THREE.LineBasicMaterial({ color: "#0d3b4a", transparent: true, opacity: 0.35, toneMapped: false });
       this.edges = new THREE.LineSegments(lines, look);
@@ -197,8 +252,9 @@ export class Figure {
   box() {
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9], p = new THREE.Vector3();
     this.group.updateMatrixWorld(true);
-    for (let i = 0; i < this.positions.length; i += 3) {
-      p.fromArray(this.positions, i).applyMatrix4(this.space.matrixWorld);
+    const points = this.whole();
+    for (let i = 0; i < points.length; i += 3) {
+      p.fromArray(points, i).applyMatrix4(this.space.matrixWorld);
       for (const [a, v] of [[0, p.x], [1, p.y], [2, p.z]]) { low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); }
     }
     return [low, high];

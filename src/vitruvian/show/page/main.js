@@ -60,13 +60,14 @@ class Page {
       actors: read(() => [...page.figures.values()].map((f) => ({
         name: f.name, joints: f.joints.length, vertices: f.source.length, triangles: f.triangles.length / 3, deformer: f.deformer,
       }))),
+      drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
       selected: read(() => page.figure?.joints[page.selected] ?? null),
       quality: read(() => page.studio.qualityName),
       software: read(() => page.studio.software),
       connected: read(() => Boolean(page.source?.connected)),
       recorded: read(() => page.source instanceof RecordedSource),
     });
-    state.positions = (name) => Array.from((page.figures.get(name) ?? page.figure)?.positions ?? []);
+    state.positions = (name) => Array.from((page.figures.get(name) ?? page.figure)?.whole() ?? []);
     state.screen = (joint) => page.screen(joint);
     Object.defineProperty(window, "vitruvian", { value: Object.freeze(state), writable: false });
   }
@@ -132,6 +133,7 @@ class Page {
         figure.deformer = told;
         if (figure === this.figure) $("deformer").value = told;
       }
+      figure.detail(header.playing && this.mode === "skin" && !pressed("wire") ? this.studio.grain() : 0);
       figure.update(DEFORMERS.includes(figure.deformer) ? without(blocks[figure.name]) : blocks[figure.name]);
       if (figure.isBody) {
         const t = figure.travel ?? [0, 0, 0];

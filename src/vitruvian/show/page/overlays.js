@@ -114,5 +114,5 @@ export function pick(figure, x, y, camera, width, height) {
   const hit = ray.intersectObject(figure.mesh, false)[0];
   if (!hit || !figure.isBody) return -1;
   const owner = (figure.owner ??= figure.owners());
-  return owner[figure.source[hit.face.a]];
+  return owner[figure.drawn[hit.face.a]];
 }

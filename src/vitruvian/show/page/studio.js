@@ -10,6 +10,7 @@ const THEMES = {
 const BLOBS = 20; // spheres under which the floor is darkened
 const CELLS = 96, SPAN = 2.6; // texture of the contact shadow: cells and metres a side
 const GRID = 0.5; // metres
+const GRAIN = 0.6; // pixels
 
 /** Quality steps; the page takes the best that keeps up. `dpr` caps the pixels, `shadows` is the key light's map. */
 const STEPS = [
@@ -247,11 +248,19 @@ export class Studio {
     for (const end of this.flight ? [this.flight.from, this.flight.to] : []) { end.position.add(step); end.target.add(step); }
   }
 
+  /** Metres that nobody can tell apart: most of a pixel where the figure is nearest. 0 with a graphics processor: draw all. */
+  grain() {
+    if (!this.software || !(this.near > 0)) return 0;
+    const pixels = this.renderer.domElement.height;
+    return (GRAIN * 2 * this.near * Math.tan((this.camera.fov * Math.PI) / 360)) / pixels;
+  }
+
   /** Contact shadow: how much of the sky the spheres [x, y, z, radius] hide from each cell of the floor around us. */
   shade(spheres) {
     const strength = (s) => s[3] / Math.max(s[1], s[3]), data = this.contact.image.data, cell = SPAN / CELLS;
     const best = spheres.sort((a, b) => strength(b) - strength(a)).slice(0, BLOBS), open = this.open ??= new Float32Array(CELLS * CELLS);
-    const { x: mx, z: mz } = this.followed ?? this.controls.target, x0 = mx - SPAN / 2, z0 = mz - SPAN / 2;
+    const { position } = this.camera, { x: mx, z: mz } = this.followed ?? this.controls.target, x0 = mx - SPAN / 2, z0 = mz - SPAN / 2;
+    this.near = Math.min(...spheres.map(([x, y, z, r]) => Math.hypot(x - position.x, y - position.y, z - position.z) - 2 * r));
     open.fill(1);
     for (const [x, y, z, r] of best) {
       const h = Math.max(y, 0.6 * r), far = 5 * h + 4 * r; // beyond it less than 1 % is hidden
