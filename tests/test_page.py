@@ -73,9 +73,16 @@ def wait(page, condition, seconds=30):
 
 
 def pause(page):
-    if page.evaluate("vitruvian.playing"):
-        page.get_by_test_id("play").click()
-    wait(page, "!vitruvian.playing")
+    """Press pause until it holds: a page that has just opened says "not playing" until its first frame arrives."""
+    end, quiet = time.monotonic() + 30, 0
+    while quiet < 3:
+        assert time.monotonic() < end, "the page does not pause"
+        if page.evaluate("vitruvian.playing"):
+            page.get_by_test_id("play").click()
+            quiet = 0
+        else:
+            quiet += 1
+        page.wait_for_timeout(200)
 
 
 def scrub(page, frame):
