@@ -86,10 +86,18 @@ def pause(page):
 
 
 def scrub(page, frame):
-    page.get_by_test_id("timeline").evaluate(
-        "(e, n) => { e.value = n; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }", frame
-    )
-    wait(page, f"Math.abs(vitruvian.time * 30 - {frame}) < 1e-6 && !vitruvian.playing")
+    """Move the timeline until the page shows that frame; a busy live page may want asking twice."""
+    there = f"Math.abs(vitruvian.time * 30 - {frame}) < 1e-6 && !vitruvian.playing"
+    for _ in range(6):
+        page.get_by_test_id("timeline").evaluate(
+            "(e, n) => { e.value = n; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }",
+            frame,
+        )
+        for _ in range(100):
+            if page.evaluate(f"Boolean({there})"):
+                return
+            page.wait_for_timeout(50)
+    raise AssertionError(f"never: {there}")
 
 
 def slide(page, name, value):
