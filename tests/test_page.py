@@ -73,31 +73,17 @@ def wait(page, condition, seconds=30):
 
 
 def pause(page):
-    """Press pause until it holds: a page that has just opened says "not playing" until its first frame arrives."""
-    end, quiet = time.monotonic() + 30, 0
-    while quiet < 3:
-        assert time.monotonic() < end, "the page does not pause"
-        if page.evaluate("vitruvian.playing"):
-            page.get_by_test_id("play").click()
-            quiet = 0
-        else:
-            quiet += 1
-        page.wait_for_timeout(200)
+    """A page that has shown a picture knows whether it plays."""
+    if page.evaluate("vitruvian.playing"):
+        page.get_by_test_id("play").click()
+    wait(page, "!vitruvian.playing")
 
 
 def scrub(page, frame):
-    """Move the timeline until the page shows that frame; a busy live page may want asking twice."""
-    there = f"Math.abs(vitruvian.time * 30 - {frame}) < 1e-6 && !vitruvian.playing"
-    for _ in range(6):
-        page.get_by_test_id("timeline").evaluate(
-            "(e, n) => { e.value = n; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }",
-            frame,
-        )
-        for _ in range(100):
-            if page.evaluate(f"Boolean({there})"):
-                return
-            page.wait_for_timeout(50)
-    raise AssertionError(f"never: {there}")
+    page.get_by_test_id("timeline").evaluate(
+        "(e, n) => { e.value = n; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change')); }", frame
+    )
+    wait(page, f"Math.abs(vitruvian.time * 30 - {frame}) < 1e-6 && !vitruvian.playing")
 
 
 def slide(page, name, value):
@@ -394,18 +380,15 @@ def test_the_built_in_person_fits_into_four_megabytes_and_shows_its_face(browser
     "make", [lambda: capsule_clip(joints=146, vertices=21_500), walking_person], ids=["20k", "person"]
 )
 def test_a_full_figure_keeps_playing_smoothly(browser, tmp_path, make):
-    """The goal is 30 pictures per second and `vitruvian bench stage` says whether it holds.
-
-    Here a machine in a slow phase must not fail, but losing the reduced mesh (17 per second) must: best of three looks.
-    """
+    """The best of up to eight looks counts: what else the machine does is not the page's."""
     record(make(), tmp_path / "clip.html")
     with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
         best = 0.0
-        for _ in range(3):
-            page.wait_for_timeout(5000)
+        for _ in range(8):
+            page.wait_for_timeout(4000)
             rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")
             best = max(best, rate)
             if best >= 30:
                 break
     print(f"{best} pictures per second, {actors[0]['vertices']} vertices, {quality}, load {os.getloadavg()[0]:.1f}")
-    assert best >= 20
+    assert best >= 30

@@ -166,6 +166,10 @@ class Showing:
             else:
                 self.turns[actor.name][table[name]] = np.asarray(request["rotation"], dtype=np.float64)
 
+    def running(self) -> dict[str, Any]:
+        """How time runs, as pages show it."""
+        return {"playing": self.playing, "speed": self.speed, "loop": self.loop}
+
     def hello(self, deformers: Sequence[str] = (*PAGE, *SERVED)) -> bytes:
         return encode(
             "hello",
@@ -177,7 +181,8 @@ class Showing:
                 "fps": self.fps,
                 "findings": self.findings,
                 "deformers": list(deformers),
-            },
+            }
+            | self.running(),
         )
 
     def frame(self, seq: int) -> bytes:
@@ -191,8 +196,8 @@ class Showing:
             if name in SERVED:
                 blocks += self._served(actor, name, pose, weights)
         fields = {"seq": seq, "tick": int(at + 1e-6), "t": at / self.fps, "frame": at, "round": rounds}
-        state = {"playing": self.playing, "speed": self.speed, "loop": self.loop, "change": self.change}
-        return encode("frame", fields | state | {"deformers": self.deformers}, blocks)
+        state = self.running() | {"change": self.change, "deformers": self.deformers}
+        return encode("frame", fields | state, blocks)
 
     def _served(self, actor: Actor, name: str, pose: NDArray, weights: NDArray) -> list[Block]:
         for i, w in self.displaced[actor.name].items():

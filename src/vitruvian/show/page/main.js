@@ -34,7 +34,7 @@ export async function start({ token, recording }) {
 class Page {
   constructor(studio, setIcon) {
     Object.assign(this, { studio, setIcon, figures: new Map(), overlays: new Map(), mode: "skin", selected: -1, hello: null });
-    this.header = { frame: 0, round: 0, playing: false, speed: 1, loop: true };
+    this.header = { frame: 0, round: 0, playing: false, speed: 1, loop: true }; // until the source says how it stands
     this.drawn = [];
     this.offset = new THREE.Vector3();
     this.history = new History(() => this.edited());
@@ -95,6 +95,8 @@ class Page {
 
   welcome(header) {
     this.hello = header;
+    const { playing, speed, loop } = header;
+    this.header = { ...this.header, playing, speed, loop };
     document.title = `${header.title} \u2013 vitruvian`;
     $("title").textContent = header.title;
     $("timeline").max = Math.max(0, header.frames - 1);
@@ -350,12 +352,12 @@ class Page {
     $("speed").onchange = () => source.speed(Number($("speed").value));
     const line = $("timeline");
     line.oninput = () => {
-      if (!this.scrubbing && this.header.playing) { source.pause(); this.resume = true; }
+      if (!this.scrubbing) source.pause(); // even if it seems to stand: what was asked a moment ago may not show yet
       this.scrubbing = true;
       source.seek(Number(line.value));
       line.style.setProperty("--fill", `${(100 * line.value) / (line.max || 1)}%`);
     };
-    line.onchange = () => { this.scrubbing = false; this.resume = false; };
+    line.onchange = () => { this.scrubbing = false; };
     for (const id of ["bones", "wire", "sites"]) toggle(id, () => this.looks());
     for (const id of ["weights", "segments"]) click(id, () => this.setMode(id));
     for (const view of ["front", "side", "back", "face"]) click(`view-${view}`, () => studio.fly(view));

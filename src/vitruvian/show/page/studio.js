@@ -10,7 +10,7 @@ const THEMES = {
 const BLOBS = 20; // spheres under which the floor is darkened
 const CELLS = 96, SPAN = 2.6; // texture of the contact shadow: cells and metres a side
 const GRID = 0.5; // metres
-const GRAIN = 0.6; // pixels
+const GRAIN = 0.85; // pixels
 
 /** Quality steps; the page takes the best that keeps up. `dpr` caps the pixels, `shadows` is the key light's map. */
 const STEPS = [
@@ -51,7 +51,7 @@ export class Studio {
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.level = this.software ? 1 : STEPS.length - 1;
-    this.slow = 0;
+    this.took = 20; // milliseconds a picture, lately
 
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(28, 1, 0.05, 80);
@@ -182,10 +182,10 @@ export class Studio {
     this.stale = true;
   }
 
-  /** Step down when pictures take longer than 1/28 s for a while; the choice is shown, and never silently undone. */
+  /** Step down when pictures take longer than 1/30 s for a while; the choice is shown, and never silently undone. */
   watch(milliseconds) {
-    this.slow = milliseconds > 36 ? this.slow + 1 : Math.max(0, this.slow - 2);
-    if (this.slow > 24 && this.level > 0) { this.slow = 0; this.quality(this.level - 1); }
+    this.took += (Math.min(milliseconds, 100) - this.took) / 30; // the mean: single pictures take whole screen refreshes
+    if (this.took > 32 && this.level > 0) { this.took = 20; this.quality(this.level - 1); }
   }
 
   /** Put the figure of this box (min, max) into the picture at once. */
