@@ -8,7 +8,7 @@ from vitruvian import VitruvianError, VitruvianWarning
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.types import Morph, Skin, Weights
 from vitruvian.deform import normals, operators
-from vitruvian.deform.deformer import NAMES, deformer
+from vitruvian.deform.deformer import WEIGHTED, deformer
 from vitruvian.native import kernels
 
 TWIST, BEND = (0, 0, 1), (1, 0, 0)
@@ -120,7 +120,7 @@ def test_distance_of_linear_from_log(degrees):
         )
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 def test_rest_is_rest(name):
     body = skins.crowd(6)
     rest = np.tile(np.eye(4), (12, 1, 1))
@@ -128,7 +128,7 @@ def test_rest_is_rest(name):
     assert np.abs(deformer(name, body).frames(rest) - np.eye(4)[:3]).max() < 1e-7
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 def test_turning_the_character_turns_the_skin(name):
     """To 1e-5 of the body's size, for every operator but the one kept as it was published."""
     body, matrices = skins.crowd(4, seed=3), skins.poses(skins.crowd(4, seed=3), angle=1.5)
@@ -157,7 +157,7 @@ def test_how_far_the_published_operator_is_off():
 def test_log_pair_jumps_where_the_largest_weight_changes():
     """And the others do not."""
     step = {}
-    for name in NAMES:
+    for name in WEIGHTED:
         ends = []
         for e in (1e-6, -1e-6):
             ends.append(deformer(name, skins.point([0.4 + e, 0.4 - e, 0.2]))(MOTIONS)[0].astype(float))
@@ -196,14 +196,14 @@ def test_twist_stays_continuous_through_180_degrees_in_consecutive_frames():
 def test_near_half_turn_is_finite():
     body = skins.cylinder(skins.halves)
     for degrees in (179.9999, 180.0, 180.0001):
-        for name in NAMES:
+        for name in WEIGHTED:
             assert np.isfinite(deformer(name, body)(skins.turned(TWIST, degrees))).all()
 
 
 def test_weights_that_do_not_sum_to_one():
     """What is missing stays at rest; linear follows the file beyond one as well."""
     motion = transform_matrix((1, 0, 0), (0, 0, 1, 0))[None]
-    for name in NAMES:
+    for name in WEIGHTED:
         assert np.allclose(deformer(name, skins.point([0.25]))(motion)[0], [0.55, 0.4, 0.5], atol=1e-7)
     assert np.allclose(deformer("linear", skins.point([1.5]))(motion)[0], [1.8, 0.4, 0.5])
     with pytest.warns(VitruvianWarning, match="1 of 1 vertices sum to more than 1"):
@@ -219,7 +219,7 @@ def test_a_vertex_without_influence_stays():
     skin = Skin(np.array([[1.0, 2, 3], [4, 5, 6]]), np.zeros((0, 3)), Weights.from_pairs(2, [0], [0], [1.0]))
     body = type(body)("two", body.skeleton, skin)
     motion = transform_matrix((1, 0, 0), (0, 0, 1, 0))[None]
-    for name in NAMES:
+    for name in WEIGHTED:
         assert np.allclose(deformer(name, body)(motion), [[2, 2, 3], [4, 5, 6]])
 
 
@@ -229,7 +229,7 @@ def test_scale_is_blended_apart_from_turns():
     motion = transform_matrix((0.1, 0.2, 0.3), (0, 0.6, 0.8, 1.1), (2, 0.5, 1.5), (1, 0, 0, 0.4))[None]
     for m in (motion, motion @ np.diag([-1.0, 1, 1, 1])):
         expected = (m[0] @ [0.3, 0.4, 0.5, 1])[:3]
-        for name in NAMES:
+        for name in WEIGHTED:
             d = deformer(name, body)
             assert np.allclose(d(m)[0], expected, atol=1e-6)
             assert np.allclose(d.frames(m)[0], m[0, :3], atol=1e-6)
@@ -239,7 +239,7 @@ def test_scale_is_blended_apart_from_turns():
     assert np.isfinite(deformer("linear", skins.point([0.5, 0.5]))(mixed)).all()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 @pytest.mark.parametrize("scale", [False, True])
 def test_frames_carry_the_points(name, scale):
     body = skins.crowd(5)
@@ -295,7 +295,7 @@ def test_displacers_under_joints_turn_with_them():
     plain = type(body)("p", body.skeleton, Skin(points, np.zeros((0, 3)), weights))
     carried = type(body)("c", body.skeleton, Skin(points, np.zeros((0, 3)), weights, morphs=(morph,)))
     turn = transform_matrix((0, 0, 0), (0, 0, 1, np.pi / 2))[None]
-    for name in NAMES:
+    for name in WEIGHTED:
         d, without = deformer(name, carried), deformer(name, plain)(turn)
         assert np.array_equal(d(turn), without)
         assert np.abs(d(turn, {"bulge_action": 0.5}) - without - [-0.5, 0, 0]).max() < 1e-6
@@ -312,7 +312,7 @@ def test_displacers_under_segments_come_before_skinning():
     morph = Morph("fist", np.array([0], np.int32), np.array([[1.0, 0, 0]]), joint=0, before=True, weight=0.5)
     skin = Skin(np.zeros((1, 3)), np.zeros((0, 3)), body.skin.weights, morphs=(morph,))
     turn = transform_matrix((0, 0, 0), (0, 0, 1, np.pi / 2), (2, 2, 2))[None]
-    for name in NAMES:
+    for name in WEIGHTED:
         d = deformer(name, type(body)("s", body.skeleton, skin))
         assert np.allclose(d(turn)[0], [0, 1, 0], atol=1e-6)
         assert np.allclose(d(turn, {"fist": 0})[0], 0)
@@ -365,7 +365,7 @@ def test_shapes_single_frames_and_out():
 
 def test_unknown_names_and_options_are_said():
     body = skins.point([1.0])
-    with pytest.raises(VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, found 'lbs'"):
+    with pytest.raises(VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, contours, found 'lbs'"):
         deformer("lbs", body)
     for option in ({"steps": 4}, {"tolerance": 1.0}, {"angle": 4.0}, {"weights": "x"}, {"mix": [2.0]}, {"mix": [0, 1]}):
         with pytest.raises(VitruvianError, match=next(iter(option))):
@@ -375,5 +375,5 @@ def test_unknown_names_and_options_are_said():
 def test_a_body_without_skin():
     body = skins.point([1.0])
     empty = Skin(np.zeros((0, 3)), np.zeros((0, 3)), Weights.from_pairs(0, [], [], []))
-    for name in NAMES:
+    for name in WEIGHTED:
         assert deformer(name, type(body)("bones", body.skeleton, empty))(np.eye(4)[None]).shape == (0, 3)

@@ -35,6 +35,29 @@ struct RigidJob {
     bool whole;
 };
 
+// Contours that take shares of the rotations of chains of joints; see vitruvian.deform.contours.
+struct ContourProgram {
+    int64_t links, contours;
+    const double* center;        // (joints, 3)
+    const int32_t* link;         // (links, 2) a joint or -1, and the joint that turns against it
+    const double* axis;          // (links, 3) unit: of its twist
+    const double* bone;          // (links, 3) unit: along the limb
+    const int32_t* base;         // (contours,) the joint that moves all of the contour, or -1
+    const int32_t* row;          // (contours + 1,) its steps
+    const int32_t* step;         // (n,) link of each step
+    const double* swing;         // (n,) share of the rotation
+    const double* twist;         // (n,) share of its part about the axis; NaN: not split
+    const double* middle;        // (contours, 3) centre at rest
+    const double* along;         // (contours, 3) unit normal at rest
+    const int32_t* frame;        // (contours,) joint that the surface hangs on
+    const double* diversion;     // (contours,)
+    const double* mitre;         // (contours,)
+    const int32_t* mitre_link;   // (contours,)
+    const double* mitre_share;   // (contours,) part of the bend that the contour lacks to the bone it lies on
+    const double* bulge;         // (contours,)
+    const int32_t* bulge_link;   // (contours,)
+};
+
 }  // namespace vt
 
 #define VT_DECLARE(NS)                                                                                                \
@@ -50,6 +73,10 @@ struct RigidJob {
     void face_normals(int64_t first, int64_t last, const float* points, const int32_t* triangle, float* out);         \
     void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \
                         const int32_t* point, float* out);                                                            \
+    void contour_links(const double* matrix, const ContourProgram& program, bool follow, bool fresh, double* before,  \
+                       double* out);                                                                                  \
+    void contour_motions(const double* matrix, const ContourProgram& program, const double* links, int64_t first,     \
+                         int64_t last, double* out);                                                                  \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

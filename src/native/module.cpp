@@ -4,6 +4,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
@@ -63,11 +64,13 @@ struct Kernels {
     decltype(&vt::base::rigid) rigid;
     decltype(&vt::base::face_normals) face_normals;
     decltype(&vt::base::vertex_normals) vertex_normals;
+    decltype(&vt::base::contour_links) contour_links;
+    decltype(&vt::base::contour_motions) contour_motions;
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
         #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch, vt::NS::rigid,               \
-            vt::NS::face_normals, vt::NS::vertex_normals                                                    \
+            vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions    \
     }
 
 Kernels best() {
@@ -241,6 +244,36 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
     }
 }
 
+// The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).
+nb::ndarray<nb::numpy, double> contour_motions(
+    Array<double, 4> matrices, Array<double, 2> center, Array<int32_t, 2> link, Array<double, 2> axis,
+    Array<double, 2> bone, Array<int32_t, 1> base, Array<int32_t, 1> row, Array<int32_t, 1> step,
+    Array<double, 1> swing, Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along,
+    Array<int32_t, 1> frame, Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link,
+    Array<double, 1> mitre_share, Array<double, 1> bulge, Array<int32_t, 1> bulge_link, bool follow) {
+    const int64_t frames = int64_t(matrices.shape(0)), joints = int64_t(matrices.shape(1));
+    const int64_t links = int64_t(link.shape(0)), contours = int64_t(base.shape(0));
+    check(int64_t(center.shape(0)) == joints && axis.shape(0) == link.shape(0), "program does not fit together");
+    check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
+    const vt::ContourProgram program{links, contours, center.data(), link.data(), axis.data(), bone.data(),
+                                     base.data(), row.data(), step.data(), swing.data(), twist.data(), middle.data(),
+                                     along.data(), frame.data(), diversion.data(), mitre.data(), mitre_link.data(),
+                                     mitre_share.data(), bulge.data(), bulge_link.data()};
+    auto out = owned<double>({size_t(frames), size_t(joints + contours), 4, 4});
+    double* result = out.data();
+    std::vector<double> before(size_t(links) * 4), turned(size_t(links) * 11 * size_t(frames));
+    nb::gil_scoped_release release;
+    for (int64_t f = 0; f < frames; ++f) {
+        const double* m = matrices.data() + f * joints * 16;
+        double* t = turned.data() + f * links * 11;
+        use.contour_links(m, program, follow, f == 0, before.data(), t);
+        double* o = result + f * (joints + contours) * 16;
+        std::copy(m, m + joints * 16, o);
+        use.contour_motions(m, program, t, 0, contours, o + joints * 16);
+    }
+    return out;
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -269,5 +302,10 @@ NB_MODULE(_native, m) {
           nb::arg("target").none(), nb::arg("count"), nb::arg("mix").none(), nb::arg("out"), nb::arg("threads") = 0);
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
+    m.def("contour_motions", &contour_motions, nb::arg("matrices"), nb::arg("center"), nb::arg("link"),
+          nb::arg("axis"), nb::arg("bone"), nb::arg("base"), nb::arg("row"), nb::arg("step"), nb::arg("swing"),
+          nb::arg("twist"), nb::arg("middle"), nb::arg("along"), nb::arg("frame"), nb::arg("diversion"),
+          nb::arg("mitre"), nb::arg("mitre_link"), nb::arg("mitre_share"), nb::arg("bulge"), nb::arg("bulge_link"),
+          nb::arg("follow"));
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);
 }

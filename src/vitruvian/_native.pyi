@@ -69,3 +69,27 @@ def rigid(
 def normals(
     points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0
 ) -> None: ...
+
+def contour_motions(
+    matrices: Double,
+    center: Double,
+    link: Ints,
+    axis: Double,
+    bone: Double,
+    base: Ints,
+    row: Ints,
+    step: Ints,
+    swing: Double,
+    twist: Double,
+    middle: Double,
+    along: Double,
+    frame: Ints,
+    diversion: Double,
+    mitre: Double,
+    mitre_link: Ints,
+    mitre_share: Double,
+    bulge: Double,
+    bulge_link: Ints,
+    follow: bool,
+) -> Double:
+    """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4); see `vitruvian.deform.contours.Program`."""

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from vitruvian.body.contours import Contours
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -268,14 +272,26 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A humanoid, packed. `placement` (4,4) is the Humanoid's own transform, applied after all joint matrices."""
+    """A humanoid, packed. `placement` (4,4) is the Humanoid's own transform, applied after all joint matrices.
+
+    `contours`: the surfaces of its skin that are organised in contours; each vertex is in one of them at most.
+    """
 
     name: str
     skeleton: Skeleton
     skin: Skin
     placement: Floats = field(default_factory=lambda: np.eye(4))
+    contours: tuple[Contours, ...] = ()
 
     def __post_init__(self) -> None:
+        taken = np.zeros(len(self.skin.rest), np.int32)
+        for surface in self.contours:
+            title = f"contours {surface.name}"
+            indices(surface.vertices, f"{title}: vertices", len(taken), None, None)
+            indices([*surface.joints, surface.joint], f"{title}: joints", len(self.skeleton), None)
+            np.add.at(taken, surface.vertices.ravel(), 1)
+            twice = np.flatnonzero(taken > 1)
+            require(not twice.size, title, "vertices of its own", f"vertex {twice[:1]} in two contours")
         joint = self.skin.weights.joint
         require(
             not joint.size or int(joint.max()) < len(self.skeleton),

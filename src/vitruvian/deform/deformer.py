@@ -9,6 +9,7 @@ Every operator blends the matrices M_i of the joints of a vertex with weights w_
 - "log-pair": M_b exp(sum w_i log(M_b^-1 M_i)), b the joint with the largest weight. Jumps where b changes.
 - "log-absolute": exp(sum w_i log M_i), as first published; it changes when the whole character turns.
 - "hybrid": "linear" where joints turn little, "log" elsewhere, faded.
+- "contours": each contour of the surface moves as one piece by shares of its joints' rotations; see `contours`.
 
 Sources: M. Alexa, "Linear combination of transformations" (2002); L. Kavan et al. (2008); V. Govindu, "Lie-algebraic
 averaging for globally consistent motion estimation" (2004).
@@ -16,7 +17,7 @@ averaging for globally consistent motion estimation" (2004).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Body, Floats, require
 from vitruvian.deform.bind import bind
+from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.hybrid import Hybrid, Painted
 from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
 from vitruvian.deform.normals import Incidence, incidence, mesh_normals, operator_normals
@@ -33,7 +35,8 @@ from vitruvian.deform.se3 import polar
 from vitruvian.errors import VitruvianError
 
 Single = NDArray[np.float32]
-NAMES = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid")
+WEIGHTED = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid")
+NAMES = (*WEIGHTED, "contours")
 
 
 def deformer(
@@ -47,6 +50,7 @@ def deformer(
     fade: bool = True,
     mix: ArrayLike | None = None,
     follow: bool = True,
+    off: Collection[str] = (),
     threads: int = 0,
 ) -> Deformer:
     """Binds an operator to a body.
@@ -54,6 +58,7 @@ def deformer(
     `weights`: "as_file" (what is missing to a sum of one stays at rest) or "normalise". `steps` 0..3 of "log".
     `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid". `mix` (V,), 0..1, paints between
     "linear" (0) and the operator (1). `follow`: consecutive frames of one call keep twists continuous past 180 degrees.
+    `off`: surfaces of "contours" that follow their joint as rigid pieces.
     `threads` 0 chooses by size; results never depend on it.
     Raises VitruvianError for a name that is not in `NAMES` and for options out of range.
     """
@@ -67,6 +72,11 @@ def deformer(
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)
     if name == "linear":
         return Deformer(name, body, linear)
+    if name == "contours":
+        require(bool(body.contours), "deformer 'contours'", "a body with contours; make one by `contours`", "none")
+        known = {s.name for s in body.contours}
+        require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
+        return Deformer(name, body, ContourOperator(body, frozenset(off), follow, threads))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
     rigid = Rigid("log" if name == "hybrid" else name, body, rows, steps, follow, threads)
     if mix is not None:

@@ -1,0 +1,174 @@
+// Motions of contours: each takes shares of the rotations of a chain of joints. Source: cross-section deformation of
+// H-Anim bodies; a share of a rotation is the same axis with a part of the angle.
+#include "kernels.h"
+
+#include <math.h>
+
+namespace vt::VT_NS {
+
+namespace {
+
+struct Quaternion {
+    double x, y, z, w;
+};
+
+Quaternion product(const Quaternion& a, const Quaternion& b) {
+    return {a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z};
+}
+
+// Of a rotation matrix with rows m[0..2], m[4..6], m[8..10], by its largest component (Shepperd).
+Quaternion quaternion(const double* m) {
+    const double a = m[0], b = m[5], c = m[10], trace = a + b + c;
+    Quaternion q;
+    if (trace >= a && trace >= b && trace >= c) {
+        q = {m[9] - m[6], m[2] - m[8], m[4] - m[1], 1 + trace};
+    } else if (a >= b && a >= c) {
+        q = {1 + a - b - c, m[1] + m[4], m[2] + m[8], m[9] - m[6]};
+    } else if (b >= c) {
+        q = {m[1] + m[4], 1 - a + b - c, m[6] + m[9], m[2] - m[8]};
+    } else {
+        q = {m[2] + m[8], m[6] + m[9], 1 - a - b + c, m[4] - m[1]};
+    }
+    const double n = 1 / sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w);
+    return {q.x * n, q.y * n, q.z * n, q.w * n};
+}
+
+// Axis times angle, the angle in 0..2 pi as the sign says.
+void logarithm(const Quaternion& q, double* out) {
+    const double length = sqrt(q.x * q.x + q.y * q.y + q.z * q.z);
+    const double s = length < 1e-12 ? 2.0 : 2 * atan2(length, q.w) / length;
+    out[0] = q.x * s, out[1] = q.y * s, out[2] = q.z * s;
+}
+
+Quaternion turn(const double* vector, double share) {
+    const double x = vector[0] * share, y = vector[1] * share, z = vector[2] * share;
+    const double angle = sqrt(x * x + y * y + z * z);
+    const double s = angle < 1e-9 ? 0.5 : sin(angle / 2) / angle;
+    return {x * s, y * s, z * s, cos(angle / 2)};
+}
+
+void rotation(const Quaternion& q, double r[3][3]) {
+    const double x = q.x, y = q.y, z = q.z, w = q.w;
+    r[0][0] = 1 - 2 * (y * y + z * z), r[0][1] = 2 * (x * y - z * w), r[0][2] = 2 * (x * z + y * w);
+    r[1][0] = 2 * (x * y + z * w), r[1][1] = 1 - 2 * (x * x + z * z), r[1][2] = 2 * (y * z - x * w);
+    r[2][0] = 2 * (x * z - y * w), r[2][1] = 2 * (y * z + x * w), r[2][2] = 1 - 2 * (x * x + y * y);
+}
+
+void place(const double* m, const double* p, double* out) {
+    for (int r = 0; r < 3; ++r) out[r] = m[r * 4] * p[0] + m[r * 4 + 1] * p[1] + m[r * 4 + 2] * p[2] + m[r * 4 + 3];
+}
+
+const double kStill[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+
+}  // namespace
+
+// How joint `near` (or nothing, -1) and joint `far` are turned against each other, of one frame: 11 doubles a link.
+// The whole turn (3), its part across the axis (3), the angle about the axis, the offset of the centre (3), spare.
+// `before` (links,4) holds the quaternions of the frame before, for turns past 180 degrees; `fresh`: there is none.
+void contour_links(const double* matrix, const ContourProgram& p, bool follow, bool fresh, double* before, double* out) {
+    for (int64_t l = 0; l < p.links; ++l) {
+        const int32_t near = p.link[2 * l], far = p.link[2 * l + 1];
+        const double* a = near < 0 ? kStill : matrix + int64_t(near) * 16;
+        const double* b = matrix + int64_t(far) * 16;
+        double relative[12], *o = out + l * 11, moved[3];
+        for (int r = 0; r < 3; ++r)
+            for (int c = 0; c < 3; ++c) relative[r * 4 + c] = a[r] * b[c] + a[4 + r] * b[4 + c] + a[8 + r] * b[8 + c];
+        Quaternion q = quaternion(relative);
+        double* was = before + 4 * l;
+        const double dot = q.x * was[0] + q.y * was[1] + q.z * was[2] + q.w * was[3];
+        const bool near_before = follow && !fresh && fabs(dot) >= 0.9238795325112867;  // turned by less than 45 degrees
+        if (near_before ? dot < 0 : q.w < 0) q = {-q.x, -q.y, -q.z, -q.w};
+        was[0] = q.x, was[1] = q.y, was[2] = q.z, was[3] = q.w;
+        logarithm(q, o);
+        const double* n = p.axis + 3 * l;
+        const double along = q.x * n[0] + q.y * n[1] + q.z * n[2];
+        const double size = sqrt(along * along + q.w * q.w);
+        const Quaternion back = size < 1e-12 ? Quaternion{0, 0, 0, 1}
+                                             : Quaternion{-along * n[0] / size, -along * n[1] / size,
+                                                          -along * n[2] / size, q.w / size};
+        logarithm(product(q, back), o + 3);
+        o[6] = size < 1e-12 ? 0.0 : 2 * atan2(along, q.w);
+        const double* c = p.center + int64_t(far) * 3;
+        place(b, c, moved);
+        for (int r = 0; r < 3; ++r) moved[r] -= a[r * 4 + 3];
+        for (int r = 0; r < 3; ++r) o[7 + r] = a[r] * moved[0] + a[4 + r] * moved[1] + a[8 + r] * moved[2] - c[r];
+    }
+}
+
+// Motions of the contours [first, last) of one frame, (C,4,4).
+void contour_motions(const double* matrix, const ContourProgram& p, const double* links, int64_t first, int64_t last,
+                     double* out) {
+    for (int64_t k = first; k < last; ++k) {
+        double* m = out + k * 16;
+        const double* start = p.base[k] < 0 ? kStill : matrix + int64_t(p.base[k]) * 16;
+        for (int i = 0; i < 16; ++i) m[i] = start[i];
+        for (int32_t s = p.row[k]; s < p.row[k + 1]; ++s) {
+            const int32_t l = p.step[s];
+            const double *o = links + int64_t(l) * 11, *n = p.axis + 3 * int64_t(l);
+            const double *c = p.center + 3 * int64_t(p.link[2 * l + 1]), share = p.swing[s], twist = p.twist[s];
+            Quaternion q;
+            if (twist != twist) {  // not a number: the rotation is not split
+                q = turn(o, share);
+            } else {
+                const double half = twist * o[6] / 2, sine = sin(half);
+                q = product(turn(o + 3, share), {n[0] * sine, n[1] * sine, n[2] * sine, cos(half)});
+            }
+            double r[3][3], t[3], next[12];
+            rotation(q, r);
+            for (int i = 0; i < 3; ++i)
+                t[i] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
+            for (int i = 0; i < 3; ++i) {
+                const double* w = m + i * 4;
+                for (int j = 0; j < 3; ++j) next[i * 4 + j] = w[0] * r[0][j] + w[1] * r[1][j] + w[2] * r[2][j];
+                next[i * 4 + 3] = w[0] * t[0] + w[1] * t[1] + w[2] * t[2] + w[3];
+            }
+            for (int i = 0; i < 12; ++i) m[i] = next[i];
+        }
+        const double* c = p.middle + 3 * k;
+        double shift[3] = {0, 0, 0};
+        if (p.diversion[k] != 0) {
+            double here[3], there[3];
+            place(m, c, here);
+            place(matrix + int64_t(p.frame[k]) * 16, c, there);
+            for (int i = 0; i < 3; ++i) shift[i] = p.diversion[k] * (there[i] - here[i]);
+        }
+        double widen = 1, stretch = 0, across[3] = {0, 0, 0};
+        if (p.mitre[k] != 0) {  // in the plane of the bend, by 1 / cos of what the contour lacks to the bone
+            const int32_t l = p.mitre_link[k];
+            const double *v = links + int64_t(l) * 11 + 3, *d = p.bone + 3 * int64_t(l);
+            const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+            const double u[3] = {v[1] * d[2] - v[2] * d[1], v[2] * d[0] - v[0] * d[2], v[0] * d[1] - v[1] * d[0]};
+            const double size = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+            if (size > 1e-12) {
+                const double lacks = fmin(p.mitre_share[k] * angle, 1.5), full = fmin(1 / cos(lacks), 1.5);
+                stretch = p.mitre[k] * (full - 1);
+                for (int i = 0; i < 3; ++i) across[i] = u[i] / size;
+            }
+        }
+        if (p.bulge[k] != 0) {
+            const double* v = links + int64_t(p.bulge_link[k]) * 11 + 3;
+            widen = 1 + p.bulge[k] * (1 - cos(sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))) / 2;
+        }
+        if (widen != 1 || stretch != 0) {
+            double t[3];
+            for (int i = 0; i < 3; ++i) t[i] = m[i * 4] * c[0] + m[i * 4 + 1] * c[1] + m[i * 4 + 2] * c[2] + m[i * 4 + 3];
+            const double* d = p.along + 3 * k;  // the contour's normal: it does not get thicker
+            for (int i = 0; i < 3; ++i) {
+                double* w = m + i * 4;
+                const double a = w[0] * across[0] + w[1] * across[1] + w[2] * across[2];
+                const double b = w[0] * d[0] + w[1] * d[1] + w[2] * d[2];
+                for (int j = 0; j < 3; ++j) w[j] = widen * (w[j] + stretch * a * across[j]) + (1 - widen) * b * d[j];
+            }
+            for (int i = 0; i < 3; ++i) {
+                const double* w = m + i * 4;
+                m[i * 4 + 3] = t[i] - (w[0] * c[0] + w[1] * c[1] + w[2] * c[2]);
+            }
+        }
+        for (int i = 0; i < 3; ++i) m[i * 4 + 3] += shift[i];
+        m[12] = m[13] = m[14] = 0.0;
+        m[15] = 1.0;
+    }
+}
+
+}  // namespace vt::VT_NS

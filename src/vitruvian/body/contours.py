@@ -1,0 +1,186 @@
+"""Surfaces organised in contours, and the share that each contour takes of each joint's rotation.
+
+Source: cross-section deformation of H-Anim bodies (DefBody): a surface is NbContours loops of NbPoints points each, from
+top to bottom; the rotation of a joint is dispatched over the contours on both sides of it, half of it at the seam.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vitruvian.body.types import Floats, Ints, floats, indices, require
+from vitruvian.errors import warn
+
+RAMPS = ("linear", "smoothstep")
+
+
+@dataclass(frozen=True, eq=False)
+class Contours:
+    """One surface of a body, organised in contours.
+
+    vertices (C,P) int32: the points of each contour, numbers of vertices of the skin. `joint`: the joint that the
+    surface hangs on.
+    joints (n,): the joints that turn its contours, root to tip; what lies above the first moves all of it.
+    swing (C,n): the share, 0..1, that each contour takes of each joint's rotation. twist (C,n): its share of the part
+    of that rotation about `axes` (n,3), the rest then being `swing`; NaN: the rotation is not split.
+    diversion (C,), 0..1: how much of the way that a contour's centre goes besides the rigid surface is taken back.
+    mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. bulge (C,): how much wider (0.3:
+    a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    """
+
+    name: str
+    joint: int
+    vertices: Ints
+    joints: Ints
+    swing: Floats
+    twist: Floats = None  # type: ignore[assignment]
+    axes: Floats = None  # type: ignore[assignment]
+    diversion: Floats = None  # type: ignore[assignment]
+    mitre: Floats = None  # type: ignore[assignment]
+    bulge: Floats = None  # type: ignore[assignment]
+    muscle: int = -1
+
+    def __post_init__(self) -> None:
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        title = f"contours {self.name}"
+        vertices = np.asarray(self.vertices)
+        require(vertices.ndim == 2 and vertices.size > 0, title, "vertices of shape (contours, points)", vertices.shape)
+        put("vertices", indices(self.vertices, f"{title}: vertices", 1 << 30, None, None))
+        count, n = len(self.vertices), len(self.joints)
+        require(n > 0, title, "at least one joint that turns it", 0)
+        put("joints", indices(self.joints, f"{title}: joints", 1 << 30, n))
+        put("swing", floats(self.swing, f"{title}: swing", count, n))
+        outside = (self.swing < 0) | (self.swing > 1)
+        require(not outside.any(), f"{title}: swing", "shares in 0..1", self.swing[outside][:1])
+        twist = np.full((count, n), np.nan) if self.twist is None else np.ascontiguousarray(self.twist, np.float64)
+        require(twist.shape == (count, n), f"{title}: twist", f"shape ({count}, {n})", twist.shape)
+        put("twist", twist)
+        axes = np.tile([0.0, 1.0, 0.0], (n, 1)) if self.axes is None else self.axes
+        put("axes", floats(axes, f"{title}: axes", n, 3))
+        for field in ("diversion", "mitre", "bulge"):
+            value = getattr(self, field)
+            put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
+        require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    @property
+    def rigid(self) -> Contours:
+        """The same surface, all of it following its joint: a hand whose deformation is switched off."""
+        whole = np.zeros_like(self.swing)
+        own = np.flatnonzero(self.joints == self.joint)
+        if len(own):
+            whole[:, : own[0] + 1] = 1
+        nothing = np.zeros(len(self))
+        return replace(self, swing=whole, twist=None, diversion=nothing, mitre=nothing, bulge=nothing)
+
+
+def own_shares(count: int, *, fixed: int = 0, upper: int = 0, extra: int = 0, ramp: str = "linear") -> Floats:
+    """(C,) the share of its own joint's rotation that each contour of a surface takes.
+
+    The first `fixed` contours (FixedUpperDef) stay with the parent; over the next `upper` (UpperDef) the share grows to
+    one, from a half at the seam when nothing is fixed; contours with an index below `extra` (ExtrContour) take all.
+    """
+    k = np.arange(count, dtype=np.float64)
+    start = 0.0 if fixed else 0.5
+    out = np.ones(count)
+    if upper:
+        along = np.clip((k - fixed) / upper, 0.0, 1.0)
+        out = start + (1 - start) * _shape(along, ramp)
+    out[:fixed] = 0.0
+    out[:extra] = 1.0
+    return out
+
+
+def distal_shares(count: int, lower: int, *, ramp: str = "linear") -> Floats:
+    """(C,) the share of a distal joint's rotation: from nothing to a half over the last `lower` contours (LowerDef)."""
+    k = np.arange(count, dtype=np.float64)
+    if not lower:
+        return np.zeros(count)
+    return 0.5 * _shape(np.clip((k - (count - 1 - lower)) / lower, 0.0, 1.0), ramp)
+
+
+def _shape(along: Floats, ramp: str) -> Floats:
+    require(ramp in RAMPS, "ramp", " or ".join(map(repr, RAMPS)), repr(ramp))
+    return along if ramp == "linear" else along * along * (3 - 2 * along)
+
+
+def taper(count: int, first: int, last: int) -> Floats:
+    """(C,) 0 at the first and the last contour, smoothly 1 from `first` contours in, and `last` contours from the end."""
+    k = np.arange(count, dtype=np.float64)
+    near = np.clip(k / first, 0, 1) if first else np.ones(count)
+    far = np.clip((count - 1 - k) / last, 0, 1) if last else np.ones(count)
+    return _shape(near, "smoothstep") * _shape(far, "smoothstep")
+
+
+def limb(
+    name: str,
+    vertices: Ints,
+    joint: int,
+    distal: int | None,
+    *,
+    fixed: int = 0,
+    upper: int = 0,
+    lower: int = 0,
+    extra: int = 0,
+    diversion: float = 0.0,
+    mitre: float = 0.0,
+    ramp: str = "linear",
+) -> Contours:
+    """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
+
+    Zones that overlap turn with both joints, the distal one first. Raises VitruvianError for parameters out of range.
+    """
+    count = len(vertices)
+    title = f"contours {name}"
+    for field, value in (("FixedUpperDef", fixed), ("UpperDef", upper), ("LowerDef", lower), ("ExtrContour", extra)):
+        require(0 <= value <= count, f"{title}: {field}", f"0 to {count}, the number of contours", value)
+    require(0 <= diversion <= 1, f"{title}: diversion", "0 to 1", diversion)
+    require(0 <= mitre <= 1, f"{title}: mitre", "0 to 1", mitre)
+    if fixed + upper + lower > count:
+        warn(f"{title}: FixedUpperDef + UpperDef + LowerDef is {fixed + upper + lower}, more than {count} contours: overlap")
+    own = own_shares(count, fixed=fixed, upper=upper, extra=extra, ramp=ramp)
+    joints, swing = [joint], [own]
+    if distal is not None:
+        joints.append(distal)
+        swing.append(distal_shares(count, lower, ramp=ramp))
+    bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
+    return Contours(
+        name,
+        joint,
+        vertices,
+        np.array(joints, np.int32),
+        np.stack(swing, axis=1),
+        diversion=diversion * taper(count, fixed + upper, lower),
+        mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
+    )
+
+
+def spine_shares(
+    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep"
+) -> tuple[Floats, Floats]:
+    """(C,n) swing and (C,n) twist shares of a torso's contours at `heights` (C,), neck first.
+
+    `centers` (n,) heights of the spine's joints, lowest first. The zone of a joint reaches half way to its neighbours;
+    its bend grows across the zone and is whole above. Its twist is spread from the torso's bottom to the start of the
+    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it.
+    """
+    centers = np.asarray(centers, dtype=np.float64)
+    require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)
+    middle = (centers[1:] + centers[:-1]) / 2
+    step = np.diff(centers).mean() if len(centers) > 1 else 0.1
+    low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
+    high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
+    h = np.asarray(heights, dtype=np.float64)[:, None]
+    swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
+    bottom = float(h.min())
+    reach = low - bottom
+    spread = np.clip((h - bottom) / np.where(reach > 1e-9, reach, 1.0), 0, 1)
+    twist = np.where(reach > 1e-9, spread, swing)
+    twist[:, 0] = swing[:, 0]
+    swing[:extra] = 1
+    twist[:extra] = 1
+    return swing, twist

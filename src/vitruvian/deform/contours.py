@@ -1,0 +1,321 @@
+"""The "contours" operator: every contour of a surface moves as one piece, by shares of its joints' rotations.
+
+A contour's motion is the product, root to tip, of the share of each joint's local motion that it takes: the joint's axis
+with a part of its angle, about the joint's centre. At a seam both surfaces take a half, by the same arithmetic, so that
+nothing opens. Vertices that belong to no contour move by their weights ("log").
+
+Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the exact twist is swing-twist about the bone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.contours import Contours
+from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix
+from vitruvian.body.types import Body, Floats, Ints, Weights
+from vitruvian.deform.bind import Influences, bind
+from vitruvian.deform.motions import NEAR, RIGID, factor
+from vitruvian.deform.operators import Linear, Rigid
+from vitruvian.native import kernels
+
+Single = NDArray[np.float32]
+LIMIT = 1.5  # how much a mitre may widen
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """What turns which contour, as flat arrays; C contours, L pairs of joints, n steps. See src/native/kernels.h."""
+
+    center: Floats
+    link: Ints
+    axis: Floats
+    bone: Floats
+    base: Ints
+    row: Ints
+    step: Ints
+    swing: Floats
+    twist: Floats
+    middle: Floats
+    along: Floats
+    frame: Ints
+    diversion: Floats
+    mitre: Floats
+    mitre_link: Ints
+    mitre_share: Floats
+    bulge: Floats
+    bulge_link: Ints
+
+    def __len__(self) -> int:
+        return len(self.base)
+
+
+def program(body: Body, surfaces: Collection[Contours]) -> Program:
+    """The steps of all contours of `surfaces`, one after the other.
+
+    What a contour takes in full and nothing follows before is left to the joint's own matrix; what it takes nothing of is
+    left out. So contours that share a seam have the same steps.
+    """
+    skeleton, rest = body.skeleton, body.skin.rest
+    links: dict[tuple[int, int], int] = {}
+    axes: list[Floats] = []
+    base, row, step, swing, twist, lean, share, wide = [], [0], [], [], [], [], [], []
+    for surface in surfaces:
+        chain = surface.joints.tolist()
+        near = [int(skeleton.parents[chain[0]]), *chain[:-1]]
+        here = []
+        for a, b, axis in zip(near, chain, surface.axes, strict=True):
+            if (a, b) not in links:
+                links[a, b] = len(links)
+                axes.append(axis / (np.linalg.norm(axis) or 1.0))
+            here.append(links[a, b])
+        whole = (surface.swing == 1) & (np.isnan(surface.twist) | (surface.twist == 1))
+        none = (surface.swing == 0) & (np.isnan(surface.twist) | (surface.twist == 0))
+        for k in range(len(surface)):
+            first = int(np.argmin(np.append(whole[k], False)))
+            base.append(near[0] if first == 0 else chain[first - 1])
+            taken = [i for i in range(first, len(chain)) if not none[k, i]]
+            step += [here[i] for i in taken]
+            swing += surface.swing[k, taken].tolist()
+            twist += surface.twist[k, taken].tolist()
+            row.append(len(step))
+            # A contour lies on the bone below the last joint that it takes more than half of, and lacks the rest.
+            missing = [1 - s if s >= 0.5 else s for s in surface.swing[k]]
+            worst = int(np.argmax(missing))
+            lean.append(here[worst])
+            share.append(missing[worst])
+            wide.append(here[surface.muscle] if surface.muscle >= 0 else 0)
+    points = [rest[s.vertices] for s in surfaces]
+    middle = np.concatenate([p.mean(axis=1) for p in points])
+    along = np.concatenate([_normals(p) for p in points])
+    flat = lambda field: np.concatenate([getattr(s, field) for s in surfaces])  # noqa: E731
+    pairs = np.array(list(links), np.int32).reshape(-1, 2)
+    return Program(
+        center=skeleton.centers,
+        link=pairs,
+        axis=np.array(axes, np.float64).reshape(-1, 3),
+        bone=np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3),
+        base=np.array(base, np.int32),
+        row=np.array(row, np.int32),
+        step=np.array(step, np.int32),
+        swing=np.array(swing, np.float64),
+        twist=np.array(twist, np.float64),
+        middle=middle,
+        along=along,
+        frame=np.repeat([s.joint for s in surfaces], [len(s) for s in surfaces]).astype(np.int32),
+        diversion=flat("diversion"),
+        mitre=flat("mitre"),
+        mitre_link=np.array(lean, np.int32),
+        mitre_share=np.array(share, np.float64),
+        bulge=np.where(np.repeat([s.muscle for s in surfaces], [len(s) for s in surfaces]) >= 0, flat("bulge"), 0.0),
+        bulge_link=np.array(wide, np.int32),
+    )
+
+
+def _bone(body: Body, near: int, far: int) -> Floats:
+    """Unit direction of the limb at joint `far`: between the way to it and the way on."""
+    skeleton = body.skeleton
+    below = np.flatnonzero(skeleton.parents == far)
+    out = np.zeros(3)
+    if near >= 0:
+        out += _unit(skeleton.centers[far] - skeleton.centers[near])
+    if len(below):
+        out += _unit(skeleton.centers[below[0]] - skeleton.centers[far])
+    return _unit(out) if np.linalg.norm(out) > 1e-9 else np.array([0.0, -1.0, 0.0])
+
+
+def _unit(v: Floats) -> Floats:
+    length = float(np.linalg.norm(v))
+    return v / length if length > 0 else v
+
+
+def _normals(points: Floats) -> Floats:
+    """(C,3) unit normals of contours (C,P,3), by their vector areas."""
+    around = points - points.mean(axis=1, keepdims=True)
+    area = np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1)
+    size = np.linalg.norm(area, axis=1, keepdims=True)
+    return np.where(size > 1e-15, area / np.where(size > 0, size, 1), [0.0, 1.0, 0.0])
+
+
+def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
+    """(F,J+C,4,4): rigid joint matrices (F,J,4,4) as they are, then the motions of all contours.
+
+    `follow`: in consecutive frames rotations keep their sense past 180 degrees.
+    """
+    native = kernels()
+    if native is None:
+        return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
+    p = program
+    return native.contour_motions(
+        np.ascontiguousarray(matrices), p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist,
+        p.middle, p.along, p.frame, p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link, follow,
+    )  # fmt: skip
+
+
+def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
+    """(F,C,4,4) motions of all contours in NumPy: what they mean."""
+    p, frames = program, len(matrices)
+    padded = np.concatenate([matrices, np.tile(np.eye(4), (frames, 1, 1, 1))], axis=1)  # -1: does not move
+    near, far = padded[:, p.link[:, 0]], matrices[:, p.link[:, 1]]
+    center = p.center[p.link[:, 1]]
+    back = np.swapaxes(near[..., :3, :3], -1, -2)
+    q = from_matrix(back @ far[..., :3, :3])
+    q = np.where(q[..., 3:] < 0, -q, q)
+    for f in range(1, frames if follow else 0):
+        dot = np.sum(q[f] * q[f - 1], axis=1)
+        q[f] = np.where(((np.abs(dot) >= NEAR) & (dot < 0))[:, None], -q[f], q[f])
+    whole = _vector(q)
+    along = np.sum(q[..., :3] * p.axis, axis=-1)
+    about = np.concatenate([along[..., None] * p.axis, q[..., 3:]], axis=-1)
+    size = np.linalg.norm(about, axis=-1, keepdims=True)
+    about = np.where(size < 1e-12, [0.0, 0, 0, 1], about / np.where(size < 1e-12, 1, size))
+    split = _vector(multiply(q, inverse(about)))
+    angle = np.where(size[..., 0] < 1e-12, 0.0, 2 * np.arctan2(along, q[..., 3]))
+    moved = np.einsum("flab,lb->fla", far[..., :3, :3], center) + far[..., :3, 3] - near[..., :3, 3]
+    offset = np.einsum("flab,flb->fla", back, moved) - center
+    out = padded[:, p.base].copy()
+    steps = np.diff(p.row)
+    for number in range(int(steps.max(initial=0))):
+        which = np.flatnonzero(steps > number)
+        entry = p.row[which] + number
+        link, share, twist = p.step[entry], p.swing[entry][:, None], p.twist[entry][:, None]
+        parted = from_vector(split[:, link] * share)
+        parted = multiply(parted, from_vector(p.axis[link] * angle[:, link, None] * np.nan_to_num(twist)))
+        local = np.tile(np.eye(4), (frames, len(which), 1, 1))
+        local[..., :3, :3] = to_matrix(np.where(np.isnan(twist), from_vector(whole[:, link] * share), parted))
+        c = center[link]
+        local[..., :3, 3] = c + share * offset[:, link] - np.einsum("fcab,cb->fca", local[..., :3, :3], c)
+        out[:, which] = out[:, which] @ local
+    place = lambda m: np.einsum("fcab,cb->fca", m[..., :3, :3], p.middle) + m[..., :3, 3]  # noqa: E731
+    here = place(out)
+    shift = p.diversion[:, None] * (place(matrices[:, p.frame]) - here)
+    bend = np.linalg.norm(split, axis=-1)
+    u = np.cross(split[:, p.mitre_link], p.bone[p.mitre_link])
+    size = np.linalg.norm(u, axis=-1, keepdims=True)
+    u = np.where(size > 1e-12, u / np.where(size > 0, size, 1), 0.0)
+    lacks = np.minimum(p.mitre_share * bend[:, p.mitre_link], 1.5)
+    stretch = p.mitre * (np.minimum(1 / np.cos(lacks), LIMIT) - 1)
+    widen = 1 + p.bulge * (1 - np.cos(bend[:, p.bulge_link])) / 2
+    eye = np.eye(3)
+    shape = widen[..., None, None] * (eye + stretch[..., None, None] * u[..., :, None] * u[..., None, :])
+    shape = shape + (1 - widen)[..., None, None] * p.along[:, :, None] * p.along[:, None, :]
+    out[..., :3, :3] = out[..., :3, :3] @ shape
+    out[..., :3, 3] += here - place(out) + shift
+    return out
+
+
+def _vector(q: Floats) -> Floats:
+    """Axis times angle, the angle in 0..2 pi as the sign of the quaternion says."""
+    length = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(length, q[..., 3:])
+    return q[..., :3] * np.where(length < 1e-12, 2.0, angle / np.where(length < 1e-12, 1.0, length))
+
+
+@dataclass(frozen=True, eq=False)
+class ContourOperator:
+    """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces."""
+
+    body: Body
+    off: frozenset[str] = frozenset()
+    follow: bool = True
+    threads: int = 0
+
+    @cached_property
+    def program(self) -> Program:
+        surfaces = [s.rigid if s.name in self.off else s for s in self.body.contours]
+        return program(self.body, surfaces)
+
+    @cached_property
+    def owner(self) -> NDArray[np.int64]:
+        """(V,) the contour of each vertex, -1 for those in none."""
+        out = np.full(len(self.body.skin.rest), -1, np.int64)
+        first = 0
+        for surface in self.body.contours:
+            out[surface.vertices] = first + np.arange(len(surface))[:, None]
+            first += len(surface)
+        return out
+
+    @cached_property
+    def carried(self) -> Linear:
+        """Moves each vertex by its contour, or by the joint that alone holds it."""
+        joints = len(self.body.skeleton)
+        single = self._single
+        motion = np.where(self.owner >= 0, self.owner + joints, single)
+        some = np.flatnonzero(motion >= 0)
+        row = np.zeros(len(motion) + 1, np.int32)
+        row[1:] = np.cumsum(motion >= 0)
+        rows = Influences(row, motion[some].astype(np.int32), np.ones(len(some)), joints + len(self.program))
+        return Linear(rows, self.body.skin.rest, self.threads)
+
+    @cached_property
+    def _single(self) -> NDArray[np.int64]:
+        """(V,) the one joint that holds a vertex with all its weight, else -1."""
+        weights = self.body.skin.weights
+        alone = (weights.counts == 1) & (np.abs(weights.sums - 1) < 1e-6)
+        out = np.full(len(weights), -1, np.int64)
+        out[alone] = weights.joint[weights.row[:-1][alone]]
+        return out
+
+    @cached_property
+    def rest_of_skin(self) -> Ints:
+        """Vertices that neither a contour nor a single joint moves."""
+        return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
+
+    @cached_property
+    def blended(self) -> Rigid:
+        skin, chosen = self.body.skin, self.rest_of_skin
+        weights = skin.weights
+        place = np.full(len(weights), -1, np.int64)
+        place[chosen] = np.arange(len(chosen))
+        keep = place[weights.vertex] >= 0
+        some = Weights.from_pairs(
+            len(chosen), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep]
+        )
+        part = replace(skin, rest=skin.rest[chosen], weights=some, triangles=np.zeros((0, 3), np.int32),
+                       uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
+        body = replace(self.body, skin=part, contours=())
+        rows = bind(some, len(body.skeleton), rigid=True)
+        return Rigid("log", body, rows, 1, self.follow, self.threads)
+
+    @cached_property
+    def stretch(self) -> Linear:
+        return Linear(bind(self.body.skin.weights, len(self.body.skeleton)), self.body.skin.rest, self.threads)
+
+    def _motions(self, matrices: Floats) -> tuple[Floats, Floats, Floats | None]:
+        native, stretches = kernels(), None
+        if native is None or native.deviation(matrices) > RIGID:
+            used = np.arange(len(self.body.skeleton), dtype=np.int32)
+            matrices, stretches = factor(matrices, self.body.skeleton, used)
+        return motions(self.program, matrices, follow=self.follow), matrices, stretches
+
+    def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
+        both, rigid, stretches = self._motions(matrices)
+        if stretches is None:
+            self._points(both, rigid, out, rest)
+            return
+        first = np.empty_like(out[:1])
+        for f in range(len(matrices)):  # sizes first, as the rigid operators do it
+            self.stretch.points(stretches[f : f + 1], first, rest)
+            self._points(both[f : f + 1], rigid[f : f + 1], out[f : f + 1], first[0].astype(np.float64))
+
+    def _points(self, both: Floats, rigid: Floats, out: Single, rest: Floats | None) -> None:
+        self.carried.points(both, out, rest)
+        chosen = self.rest_of_skin
+        if len(chosen):
+            part = np.empty((len(out), len(chosen), 3), np.float32)
+            self.blended.points(rigid, part, None if rest is None else rest[chosen])
+            out[:, chosen] = part
+
+    def frames(self, matrices: Floats, out: Single) -> None:
+        both, rigid, _ = self._motions(matrices)
+        self.carried.frames(both, out)
+        chosen = self.rest_of_skin
+        if len(chosen):
+            part = np.empty((len(out), len(chosen), 3, 4), np.float32)
+            self.blended.frames(rigid, part)
+            out[:, chosen] = part
