@@ -293,3 +293,59 @@ def test_wrong_parameters_are_named():
     with pytest.raises(VitruvianError, match="a body with contours"):
         deformer("contours", Body("b", body.skeleton, body.skin))
     assert vt.__version__
+
+
+@pytest.fixture(scope="module")
+def sliced():
+    from vitruvian.modeling.contouring import contoured
+
+    return contoured(vt.pack(vt.person(gender=1)))
+
+
+def test_the_built_in_person_becomes_a_contour_body(sliced):
+    """Close to the original everywhere but where arms stand in the trunk, and every surface has its contours."""
+    body = sliced.body
+    mean, _ = sliced.error
+    print(f"shape error: mean {mean * 1000:.2f} mm; {sum(s.vertices.size for s in body.contours)} points in contours")
+    assert mean < 0.002
+    assert {s.name for s in body.contours} >= {"l_thigh_def", "r_forearm_def", "l5_front_def", "l5_back_def", "c7_def"}
+    for surface in body.contours:  # counter-clockwise seen from the top
+        if surface.name.startswith("l5"):
+            continue
+        points = body.skin.rest[surface.vertices]
+        area = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=(1, 2))
+        axis = points[-1].mean(axis=0) - points[0].mean(axis=0)
+        normals = operator._normals(points)
+        assert (normals @ axis < 0).mean() > 0.9 and np.isfinite(area).all()
+
+
+def test_all_seams_of_the_contour_body_stay_shut_in_any_pose(sliced):
+    """Knees and elbows to the bit; the waist, the neck and where contours meet cut triangles to a hundredth of a mm."""
+    body = sliced.body
+    by = {s.name: s for s in body.contours}
+    rng = np.random.default_rng(5)
+    skeleton = body.skeleton
+    q = np.tile([0.0, 0, 0, 1], (6, len(skeleton), 1))
+    for name in ("l_hip", "l_knee", "r_elbow", "r_shoulder", "l_elbow", "r_knee", "vl5", "vt6", "vt1", "vc4", "skullbase"):
+        turns = np.concatenate([rng.normal(size=(5, 3)), rng.uniform(0, 1.2, (5, 1))], axis=1)
+        q[1:, skeleton.index[name]] = from_axis_angle(turns)
+    m = joint_matrices(skeleton, Motion(skeleton, 30.0, q, np.zeros((6, 3))))
+    out = deformer("contours", body)(m)
+    for a, b in (("thigh", "calf"), ("upperarm", "forearm")):
+        for side in "lr":
+            above, below = by[f"{side}_{a}_def"].vertices[-1], by[f"{side}_{b}_def"].vertices[0]
+            assert np.abs(body.skin.rest[above] - body.skin.rest[below]).max() < 1e-12
+            assert np.array_equal(out[:, above], out[:, below])
+    front, back = by["l5_front_def"].vertices, by["l5_back_def"].vertices
+    assert np.array_equal(out[:, front[:, 0]], out[:, back[:, -1]])
+    assert np.array_equal(out[:, front[:, -1]], out[:, back[:, 0]])
+    still = np.abs(out[:1] - body.skin.rest).max()
+    assert still < 1e-6
+
+
+def test_a_body_without_the_joints_that_are_cut_is_refused_by_name():
+    from vitruvian.modeling.contouring import contoured
+
+    body, _ = tube()
+    with pytest.raises(VitruvianError, match="contours: the body needs the joints l_hip, l_knee"):
+        contoured(body)

@@ -129,10 +129,15 @@ def limb(
     diversion: float = 0.0,
     mitre: float = 0.0,
     ramp: str = "linear",
+    axes: Floats | None = None,
+    spread: tuple[bool, bool] = (False, False),
 ) -> Contours:
     """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
 
-    Zones that overlap turn with both joints, the distal one first. Raises VitruvianError for parameters out of range.
+    Zones that overlap turn with both joints, the distal one first. `axes` (2,3): the bones below the two joints; with
+    `spread` the part of a joint's rotation about its bone is spread evenly over all of the surface below it, so that a
+    turned shoulder winds the upper arm instead of its seam; two flags, for the own and for the distal joint.
+    Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
     title = f"contours {name}"
@@ -147,6 +152,11 @@ def limb(
     if distal is not None:
         joints.append(distal)
         swing.append(distal_shares(count, lower, ramp=ramp))
+    twist = np.full((count, len(joints)), np.nan)
+    if spread[0]:
+        twist[:, 0] = np.clip((np.arange(count) - fixed) / max(count - 1 - fixed, 1), 0.0, 1.0)
+    if spread[1] and distal is not None:
+        twist[:, 1] = 0.0
     bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
     return Contours(
         name,
@@ -154,6 +164,8 @@ def limb(
         vertices,
         np.array(joints, np.int32),
         np.stack(swing, axis=1),
+        twist,
+        None if axes is None else axes[: len(joints)],
         diversion=diversion * taper(count, fixed + upper, lower),
         mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
     )
@@ -175,8 +187,10 @@ def spine_shares(
     low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
     high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
     h = np.asarray(heights, dtype=np.float64)[:, None]
-    swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
     bottom = float(h.min())
+    low = np.maximum(low, bottom)  # the lowest contour stays with what the torso stands on
+    high = np.maximum(high, low + step / 4)
+    swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
     reach = low - bottom
     spread = np.clip((h - bottom) / np.where(reach > 1e-9, reach, 1.0), 0, 1)
     twist = np.where(reach > 1e-9, spread, swing)
