@@ -41,7 +41,9 @@ def tube(count=15, ramp=5, joints=2, offset=(0.0, 0.0), radius=0.25, points=16, 
     for j in range(joints):
         heights = -np.linspace(j, j + 1, count)
         p = np.stack([ring([offset[0], h, offset[1]], radius, points) for h in heights])
-        numbers = np.arange(p.shape[0] * p.shape[1]).reshape(p.shape[:2]) + sum(q.shape[0] * q.shape[1] for q in all_points)
+        numbers = np.arange(p.shape[0] * p.shape[1]).reshape(p.shape[:2]) + sum(
+            q.shape[0] * q.shape[1] for q in all_points
+        )
         distal = j + 1 if j + 1 < joints else None
         more = {"upper": ramp} if j else {}
         if distal is not None:
@@ -326,7 +328,19 @@ def test_all_seams_of_the_contour_body_stay_shut_in_any_pose(sliced):
     rng = np.random.default_rng(5)
     skeleton = body.skeleton
     q = np.tile([0.0, 0, 0, 1], (6, len(skeleton), 1))
-    for name in ("l_hip", "l_knee", "r_elbow", "r_shoulder", "l_elbow", "r_knee", "vl5", "vt6", "vt1", "vc4", "skullbase"):
+    for name in (
+        "l_hip",
+        "l_knee",
+        "r_elbow",
+        "r_shoulder",
+        "l_elbow",
+        "r_knee",
+        "vl5",
+        "vt6",
+        "vt1",
+        "vc4",
+        "skullbase",
+    ):
         turns = np.concatenate([rng.normal(size=(5, 3)), rng.uniform(0, 1.2, (5, 1))], axis=1)
         q[1:, skeleton.index[name]] = from_axis_angle(turns)
     m = joint_matrices(skeleton, Motion(skeleton, 30.0, q, np.zeros((6, 3))))

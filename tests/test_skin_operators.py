@@ -68,6 +68,8 @@ def test_log_converges():
         (BEND, 90, "linear", 0.9515, 0.7071),
         (BEND, 90, "dual-quaternion", 0.9997, None),
         (BEND, 90, "log", 0.9997, None),
+        (BEND, 90, "volume", 0.9829, None),
+        (TWIST, 90, "volume", 0.9995, 1.0),
         (BEND, 135, "linear", 0.9173, 0.3827),
         (BEND, 135, "log", 0.9993, None),
     ],
@@ -84,7 +86,9 @@ def test_reference_cylinder(axis, degrees, name, ratio, area):
         assert (skins.ring_areas(points) / skins.ring_areas(body.skin.rest)).min() >= 0.999 or axis == BEND
 
 
-@pytest.mark.parametrize(("name", "bulge"), [("linear", 1.0234), ("dual-quaternion", 1.1464), ("log", 1.1527)])
+@pytest.mark.parametrize(
+    ("name", "bulge"), [("linear", 1.0234), ("dual-quaternion", 1.1464), ("log", 1.1527), ("volume", 1.0097)]
+)
 def test_bulge_and_thickness_of_the_bend(name, bulge):
     body = skins.cylinder(skins.halves)
     points = deformer(name, body)(skins.turned(BEND, 90)).astype(float)
@@ -365,7 +369,9 @@ def test_shapes_single_frames_and_out():
 
 def test_unknown_names_and_options_are_said():
     body = skins.point([1.0])
-    with pytest.raises(VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, contours, found 'lbs'"):
+    with pytest.raises(
+        VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, volume, contours, found 'lbs'"
+    ):
         deformer("lbs", body)
     for option in ({"steps": 4}, {"tolerance": 1.0}, {"angle": 4.0}, {"weights": "x"}, {"mix": [2.0]}, {"mix": [0, 1]}):
         with pytest.raises(VitruvianError, match=next(iter(option))):

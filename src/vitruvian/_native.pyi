@@ -69,7 +69,6 @@ def rigid(
 def normals(
     points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0
 ) -> None: ...
-
 def contour_motions(
     matrices: Double,
     center: Double,

@@ -146,7 +146,9 @@ def limb(
     require(0 <= diversion <= 1, f"{title}: diversion", "0 to 1", diversion)
     require(0 <= mitre <= 1, f"{title}: mitre", "0 to 1", mitre)
     if fixed + upper + lower > count:
-        warn(f"{title}: FixedUpperDef + UpperDef + LowerDef is {fixed + upper + lower}, more than {count} contours: overlap")
+        warn(
+            f"{title}: FixedUpperDef + UpperDef + LowerDef is {fixed + upper + lower}, more than {count} contours: overlap"
+        )
     own = own_shares(count, fixed=fixed, upper=upper, extra=extra, ramp=ramp)
     joints, swing = [joint], [own]
     if distal is not None:

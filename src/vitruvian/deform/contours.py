@@ -273,9 +273,7 @@ class ContourOperator:
         place = np.full(len(weights), -1, np.int64)
         place[chosen] = np.arange(len(chosen))
         keep = place[weights.vertex] >= 0
-        some = Weights.from_pairs(
-            len(chosen), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep]
-        )
+        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep])
         part = replace(skin, rest=skin.rest[chosen], weights=some, triangles=np.zeros((0, 3), np.int32),
                        uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
         body = replace(self.body, skin=part, contours=())

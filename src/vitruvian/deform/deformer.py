@@ -9,6 +9,7 @@ Every operator blends the matrices M_i of the joints of a vertex with weights w_
 - "log-pair": M_b exp(sum w_i log(M_b^-1 M_i)), b the joint with the largest weight. Jumps where b changes.
 - "log-absolute": exp(sum w_i log M_i), as first published; it changes when the whole character turns.
 - "hybrid": "linear" where joints turn little, "log" elsewhere, faded.
+- "volume": the rotation of "log", with cross-sections centred on the bent bone; see `volume`.
 - "contours": each contour of the surface moves as one piece by shares of its joints' rotations; see `contours`.
 
 Sources: M. Alexa, "Linear combination of transformations" (2002); L. Kavan et al. (2008); V. Govindu, "Lie-algebraic
@@ -32,10 +33,11 @@ from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
 from vitruvian.deform.normals import Incidence, incidence, mesh_normals, operator_normals
 from vitruvian.deform.operators import Linear, Operator, Rigid
 from vitruvian.deform.se3 import polar
+from vitruvian.deform.volume import Volume
 from vitruvian.errors import VitruvianError
 
 Single = NDArray[np.float32]
-WEIGHTED = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid")
+WEIGHTED = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid", "volume")
 NAMES = (*WEIGHTED, "contours")
 
 
@@ -78,15 +80,17 @@ def deformer(
         require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
         return Deformer(name, body, ContourOperator(body, frozenset(off), follow, threads))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
-    rigid = Rigid("log" if name == "hybrid" else name, body, rows, steps, follow, threads)
+    rigid = Rigid("log" if name in ("hybrid", "volume") else name, body, rows, steps, follow, threads)
     if mix is not None:
         paint = np.ascontiguousarray(mix, dtype=np.float32)
         require(paint.shape == (len(rest),), "mix", f"shape ({len(rest)},)", paint.shape)
         require(bool(((paint >= 0) & (paint <= 1)).all()), "mix", "values in 0..1", "others")
-        require(name != "hybrid", "mix", "another operator than 'hybrid', which mixes by angle", "hybrid")
+        require(name not in ("hybrid", "volume"), "mix", "an operator that blends motions", repr(name))
         operator = Painted(linear, rigid, paint)
     elif name == "hybrid":
         operator = Hybrid(linear, rigid, tolerance, angle, fade)
+    elif name == "volume":
+        operator = Volume(rigid)
     else:
         operator = rigid
     return Deformer(name, body, operator)

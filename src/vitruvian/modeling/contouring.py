@@ -155,8 +155,17 @@ class Plan:
             for name, near, far, kinds, points, count, reach, fixed, next_spread in rows:
                 kinds = tuple(k + n if k else 0 for k in kinds)
                 out.append(
-                    self._limb(f"{side}_{name}", f"{side}_{near}", f"{side}_{far}", kinds, points, count, reach, fixed,
-                               next_spread)  # fmt: skip
+                    self._limb(
+                        f"{side}_{name}",
+                        f"{side}_{near}",
+                        f"{side}_{far}",
+                        kinds,
+                        points,
+                        count,
+                        reach,
+                        fixed,
+                        next_spread,
+                    )  # fmt: skip
                 )
         for above, below in zip(out[::2], out[1::2], strict=True):  # a seam is one loop, of both surfaces
             for field in ("points", "face", "barycentric"):
@@ -237,7 +246,10 @@ class Plan:
         whole = heights >= heights[max(extra, 0)]
         swing[whole & (swing.min(axis=1) > 0.99)] = 1
         out = []
-        for name, which in (("front", np.arange(points)), ("back", np.append(np.arange(points - 1, 2 * points - 2), 0))):
+        for name, which in (
+            ("front", np.arange(points)),
+            ("back", np.append(np.arange(points - 1, 2 * points - 2), 0)),
+        ):
             part = Rings(loops.points[:, which], loops.face[:, which], loops.barycentric[:, which])
             surface = Contours(
                 f"l5_{name}_def", self.index["vl5"], np.arange(count * points).reshape(count, points),

@@ -78,7 +78,9 @@ def rings(
         corner = rest[triangles[chosen[np.maximum(met, 0)]]]
         normal = np.cross(corner[..., 1, :] - corner[..., 0, :], corner[..., 2, :] - corner[..., 0, :])
         along = np.sum(direction * normal, axis=-1)
-        distance = np.sum((corner[..., 0, :] - origin) * normal, axis=-1) / np.where(np.abs(along) > 1e-15, along, np.nan)
+        distance = np.sum((corner[..., 0, :] - origin) * normal, axis=-1) / np.where(
+            np.abs(along) > 1e-15, along, np.nan
+        )
         good = (met >= 0) & (distance > 1e-4) & (distance <= bound + 1e-6)
         radius = np.where(good, distance, np.nan)
         face = np.where(good, chosen[np.maximum(met, 0)], -1)
@@ -188,7 +190,13 @@ def clipped(skin: Skin, distance: Floats, whole: NDArray[np.bool_]) -> tuple[Ski
 
 
 def _divided(
-    t: Ints, u: Ints, d: Floats, edges: dict[tuple[int, int], int], uv_edges: dict[tuple[int, int, int, int], int], points: int, coordinates: int
+    t: Ints,
+    u: Ints,
+    d: Floats,
+    edges: dict[tuple[int, int], int],
+    uv_edges: dict[tuple[int, int, int, int], int],
+    points: int,
+    coordinates: int,
 ) -> tuple[Ints, Ints]:
     """Triangles across the cut as what is left of them; new vertices are numbered from `points` on."""
     out, out_uv = [], []
