@@ -91,4 +91,4 @@ def contour_motions(
     bulge_link: Ints,
     follow: bool,
 ) -> Double:
-    """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4); see `vitruvian.deform.contours.Program`."""
+    """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4)."""

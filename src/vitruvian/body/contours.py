@@ -75,7 +75,8 @@ class Contours:
         if len(own):
             whole[:, : own[0] + 1] = 1
         nothing = np.zeros(len(self))
-        return replace(self, swing=whole, twist=None, diversion=nothing, mitre=nothing, bulge=nothing)
+        unsplit = np.full_like(whole, np.nan)
+        return replace(self, swing=whole, twist=unsplit, diversion=nothing, mitre=nothing, bulge=nothing)
 
 
 def own_shares(count: int, *, fixed: int = 0, upper: int = 0, extra: int = 0, ramp: str = "linear") -> Floats:
@@ -167,7 +168,7 @@ def limb(
         np.array(joints, np.int32),
         np.stack(swing, axis=1),
         twist,
-        None if axes is None else axes[: len(joints)],
+        (np.tile([0.0, 1.0, 0.0], (2, 1)) if axes is None else axes)[: len(joints)],
         diversion=diversion * taper(count, fixed + upper, lower),
         mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
     )

@@ -54,6 +54,34 @@ def contoured(body: Body, *, density: float = 1.0, mitre: float = 1.0, diversion
     return _assembled(body, surfaces, plan.pieces())
 
 
+@dataclass(frozen=True)
+class Limb:
+    """A limb between two joints, by names without side: how it is sliced at density 1.
+
+    `regions`: left-side codes of what may be met (see `Plan._regions`; 0 is the trunk). `reach` (m) outwards. The first
+    `fixed` contours stand in the trunk and stay with it. `next_spread`: the next joint's surface spreads its twist.
+    """
+
+    name: str
+    near: str
+    far: str
+    regions: tuple[int, int]
+    points: int
+    contours: int
+    reach: float
+    fixed: int
+    next_spread: bool
+    roundness: float = 1.8
+
+
+LIMBS = (
+    Limb("upperarm", "shoulder", "elbow", (2, 0), 20, 18, 0.12, FIXED, True, 1.35),
+    Limb("forearm", "elbow", "radiocarpal", (2, 4), 20, 16, 0.09, 0, False),
+    Limb("thigh", "hip", "knee", (6, 0), 26, 20, 0.17, 0, True),
+    Limb("calf", "knee", "talocrural", (6, 8), 26, 18, 0.12, 0, False),
+)
+
+
 class Plan:
     """Where everything is cut. Limbs are worked out on demand and remembered by name."""
 
@@ -144,39 +172,15 @@ class Plan:
         return out
 
     def limbs(self) -> list[Sliced]:
-        out = []
-        for n, side in enumerate("lr"):
-            rows = (
-                ("upperarm", "shoulder", "elbow", (2, 0), 20, 18, 0.12, FIXED, True),
-                ("forearm", "elbow", "radiocarpal", (2, 4), 20, 16, 0.09, 0, False),
-                ("thigh", "hip", "knee", (6, 0), 26, 20, 0.17, 0, True),
-                ("calf", "knee", "talocrural", (6, 8), 26, 18, 0.12, 0, False),
-            )
-            for name, near, far, kinds, points, count, reach, fixed, next_spread in rows:
-                kinds = tuple(k + n if k else 0 for k in kinds)
-                out.append(
-                    self._limb(
-                        f"{side}_{name}",
-                        f"{side}_{near}",
-                        f"{side}_{far}",
-                        kinds,
-                        points,
-                        count,
-                        reach,
-                        fixed,
-                        next_spread,
-                    )  # fmt: skip
-                )
+        out = [self._limb(side, number, spec) for number, side in enumerate("lr") for spec in LIMBS]
         for above, below in zip(out[::2], out[1::2], strict=True):  # a seam is one loop, of both surfaces
             for field in ("points", "face", "barycentric"):
                 getattr(below.rings, field)[0] = getattr(above.rings, field)[-1]
         return out
 
-    def _limb(
-        self, name: str, near: str, far: str, kinds: tuple[int, ...], points: int, count: int, reach: float,
-        fixed: int, next_spread: bool,
-    ) -> Sliced:  # fmt: skip
-        points, count = max(6, round(points * self.density)), max(8, round(count * self.density))
+    def _limb(self, side: str, number: int, spec: Limb) -> Sliced:
+        name, near, far, fixed = f"{side}_{spec.name}", f"{side}_{spec.near}", f"{side}_{spec.far}", spec.fixed
+        points, count = max(6, round(spec.points * self.density)), max(8, round(spec.contours * self.density))
         start, end = self.at(near), self.at(far)
         axis, length = _unit(end - start), float(np.linalg.norm(end - start))
         (_, first), (_, last) = self.planes[near], self.planes[far]
@@ -189,26 +193,27 @@ class Plan:
         centers = start + s[:, None] * length * axis
         for k in range(fixed):  # back along the first plane's own normal
             centers[k] = start + s[k] * length * first
-        chosen = self._triangles(kinds)
+        chosen = self._triangles(tuple(k + number if k else 0 for k in spec.regions))
         made = rings(self.body.skin.rest, self.body.skin.triangles, chosen, centers, normal, points=points,
-                     reach=reach, forward=FRONT, roundness=1.35 if fixed else 1.8)  # fmt: skip
+                     reach=spec.reach, forward=FRONT, roundness=spec.roundness)  # fmt: skip
         middle = made.points[:fixed].mean(axis=1, keepdims=True)  # what stands in the trunk stays below its surface
         made.points[:fixed] += 0.04 * (middle - made.points[:fixed])
         radius = float(np.median(np.linalg.norm(made.points - made.points.mean(axis=1, keepdims=True), axis=2)))
         ramp = int(np.clip(round(radius / step), 2, (count - fixed) // 2 - 1))
         below = self.body.skeleton.parents == self.index[far]
         after = self.centers[below][0] - end if below.any() else axis
+        numbers = np.arange(count * points, dtype=np.int32).reshape(count, points)
         surface = limb(
-            f"{name}_def", np.arange(count * points).reshape(count, points), self.index[near], self.index[far],
+            f"{name}_def", numbers, self.index[near], self.index[far],
             fixed=fixed, upper=ramp + (2 if fixed else 0), lower=ramp, diversion=self.diversion, mitre=self.mitre,
-            axes=np.stack([axis, _unit(after)]), spread=(True, next_spread),
+            axes=np.stack([axis, _unit(after)]), spread=(True, spec.next_spread),
         )  # fmt: skip
         return Sliced(name, self.index[near], made, surface)
 
     def _triangles(self, kinds: tuple[int, ...]) -> NDArray[np.int64]:
         """Triangles with a corner in one of the regions, hair and other ornaments apart."""
         skin = self.body.skin
-        chosen = np.isin(self.region[skin.triangles], kinds).any(axis=1)
+        chosen: NDArray[np.bool_] = np.asarray(np.isin(self.region[skin.triangles], kinds)).any(axis=1)
         for part in skin.parts:
             if _ornament(part):
                 chosen[part.start : part.stop] = False
@@ -216,7 +221,6 @@ class Plan:
 
     def trunk(self) -> list[Sliced]:
         """The torso's front and back, and the neck."""
-        skeleton = self.body.skeleton
         points, count = max(6, round(17 * self.density)), max(10, round(30 * self.density))
         top = self.neck_height
         heights = np.linspace(top, self.bottom, count)
@@ -238,13 +242,10 @@ class Plan:
             for some, kinds, bounds in ((high, (0, 1, 2, 3), walls), (~high, (0,), None))
         ]  # fmt: skip
         loops = joined(*halves)
-        extra = int((heights > armpit).sum()) - 1
         centers = self.centers[self.spine][:, 1]
         low = centers[0] - 0.01  # zones are squeezed into what lies above the hips
         squeezed = low + (heights - self.bottom) * (top - low) / (top - self.bottom)
-        swing, twist = spine_shares(squeezed, centers, extra=0)
-        whole = heights >= heights[max(extra, 0)]
-        swing[whole & (swing.min(axis=1) > 0.99)] = 1
+        swing, twist = spine_shares(squeezed, centers)
         out = []
         for name, which in (
             ("front", np.arange(points)),
@@ -252,7 +253,7 @@ class Plan:
         ):
             part = Rings(loops.points[:, which], loops.face[:, which], loops.barycentric[:, which])
             surface = Contours(
-                f"l5_{name}_def", self.index["vl5"], np.arange(count * points).reshape(count, points),
+                f"l5_{name}_def", self.index["vl5"], np.arange(count * points, dtype=np.int32).reshape(count, points),
                 np.array(self.spine, np.int32), swing, twist,
             )  # fmt: skip
             out.append(Sliced(f"l5_{name}", self.index["vl5"], part, surface))
@@ -286,7 +287,7 @@ class Plan:
         swing[:, -1] = 0.5 * np.linspace(0, 1, count) ** 2
         rings_ = Rings(where[order], face[order], weights[order])
         joint = joints[0]
-        surface = Contours("c7_def", joint, np.arange(count * points).reshape(count, points),
+        surface = Contours("c7_def", joint, np.arange(count * points, dtype=np.int32).reshape(count, points),
                            np.array(joints, np.int32), swing[order], twist[order])  # fmt: skip
         return Sliced("c7", joint, rings_, surface)
 
@@ -368,8 +369,8 @@ class Plan:
             fresh[:, self.index[f"{side}_hip"]] += share
         left = 1 - fresh.sum(axis=1)
         low = _smooth(np.clip((self.bottom - rest[some, 1]) / 0.08, 0, 1))
-        np.add.at(fresh, (np.arange(len(fresh)), pelvis), left * low)
-        np.add.at(fresh, (np.arange(len(fresh)), trunk), left * (1 - low))
+        fresh[:, pelvis] += left * low
+        fresh[:, trunk] += left * (1 - low)
         table[some] = fresh
 
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
 
+Whole = NDArray[np.int64]
+
 
 @dataclass(frozen=True, eq=False)
 class Rings:
@@ -18,7 +20,7 @@ class Rings:
     """
 
     points: Floats
-    face: NDArray[np.int64]
+    face: Whole
     barycentric: Floats
 
 
@@ -35,7 +37,7 @@ def frames(axis: Floats, forward: Floats) -> tuple[Floats, Floats]:
 def rings(
     rest: Floats,
     triangles: Ints,
-    chosen: NDArray[np.int64],
+    chosen: Whole,
     centers: Floats,
     axis: Floats,
     *,
@@ -48,9 +50,9 @@ def rings(
 ) -> Rings:
     """Loops of `points` points round `centers` (C,3), in the planes across `axis` (C,3), on the outermost surface.
 
-    `chosen`: the triangles that may be met; `reach` (m): how far out to look. A second look goes no further than `roundness`
-    times the loop's median radius, so that a neighbour is not taken for the limb. `walls` (point, outward normal): no
-    point goes beyond them. Directions that meet nothing get the radius of their neighbours in the loop.
+    `chosen`: the triangles that may be met; `reach` (m): how far out to look. A second look goes no further than
+    `roundness` times the loop's median radius, so that a neighbour is not taken for the limb. `walls` (point, outward
+    normal): no point goes beyond them. Directions that meet nothing get the radius of their neighbours in the loop.
     `angles` (P,): directions other than evenly round from `forward`.
     """
     from trimesh import Trimesh
@@ -98,8 +100,11 @@ def rings(
 
 def joined(upper: Rings, lower: Rings) -> Rings:
     """The loops of one after those of the other."""
-    pairs = ((upper.points, lower.points), (upper.face, lower.face), (upper.barycentric, lower.barycentric))
-    return Rings(*(np.concatenate(p) for p in pairs))
+    return Rings(
+        np.concatenate([upper.points, lower.points]),
+        np.concatenate([upper.face, lower.face]),
+        np.concatenate([upper.barycentric, lower.barycentric]),
+    )
 
 
 def _filled(radius: Floats) -> Floats:
@@ -218,7 +223,7 @@ def _divided(
     return np.array(out, np.int32).reshape(-1, 3), np.array(out_uv, np.int32).reshape(-1, 3)
 
 
-def _weights(weights: Weights, pairs: Ints, share: Floats, place: Floats, count: int) -> Weights:
+def _weights(weights: Weights, pairs: Whole, share: Floats, place: Whole, count: int) -> Weights:
     vertex, joint, value = [weights.vertex.astype(np.int64)], [weights.joint], [weights.weight]
     for side, part in ((0, 1 - share), (1, share)):
         for n, v in enumerate(pairs[:, side].tolist()):
