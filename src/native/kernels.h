@@ -58,6 +58,19 @@ struct ContourProgram {
     const int32_t* bulge_link;   // (contours,)
 };
 
+// One hand; see vitruvian.deform.hands.HandProgram.
+struct HandJob {
+    int64_t links, vertices, terms, gaps;
+    const int32_t *before, *near, *far;                                                  // (links,) joints, -1: none
+    const double *start, *end, *axis_near, *axis_far, *normal_near, *normal_far;         // (links, 3)
+    const int32_t* vertex;                                                               // (vertices,)
+    const double* whole;                                                                 // (vertices,) share of the hand
+    const int32_t *term_vertex, *link;                                                   // (terms,)
+    const double *share, *along, *blend, *local, *swell;                                 // (terms,), the last two x 3
+    const int32_t *gap_vertex, *pair;                                                    // (gaps,), (gaps, 2)
+    const double *gap_share, *alongs, *blends, *across, *gap_local, *fold, *width;       // alongs, blends x 2; local x 3
+};
+
 }  // namespace vt
 
 #define VT_DECLARE(NS)                                                                                                \
@@ -77,6 +90,7 @@ struct ContourProgram {
                        double* out);                                                                                  \
     void contour_motions(const double* matrix, const ContourProgram& program, const double* links, int64_t first,     \
                          int64_t last, double* out);                                                                  \
+    void hand(const double* matrix, const HandJob& job, double* scratch, float* out);                                 \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

@@ -92,3 +92,36 @@ def contour_motions(
     follow: bool,
 ) -> Double:
     """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4)."""
+
+def hand(
+    matrices: Double,
+    before: Ints,
+    near: Ints,
+    far: Ints,
+    start: Double,
+    end: Double,
+    axis_near: Double,
+    axis_far: Double,
+    normal_near: Double,
+    normal_far: Double,
+    vertex: Ints,
+    whole: Double,
+    term_vertex: Ints,
+    link: Ints,
+    share: Double,
+    along: Double,
+    blend: Double,
+    local: Double,
+    swell: Double,
+    gap_vertex: Ints,
+    pair: Ints,
+    gap_share: Double,
+    alongs: Double,
+    blends: Double,
+    across: Double,
+    gap_local: Double,
+    fold: Double,
+    width: Double,
+    out: Single,
+) -> None:
+    """Moves a hand's points in out (F,V,3); arguments in the order of src/native/kernels.h, HandJob."""

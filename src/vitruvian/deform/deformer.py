@@ -10,6 +10,7 @@ Every operator blends the matrices M_i of the joints of a vertex with weights w_
 - "log-absolute": exp(sum w_i log M_i), as first published; it changes when the whole character turns.
 - "hybrid": "linear" where joints turn little, "log" elsewhere, faded.
 - "volume": the rotation of "log", with cross-sections centred on the bent bone; see `volume`.
+- "hand": "log", and hands by their links, with knuckles and swelling palms; see `hands`.
 - "contours": each contour of the surface moves as one piece by shares of its joints' rotations; see `contours`.
 
 Sources: M. Alexa, "Linear combination of transformations" (2002); L. Kavan et al. (2008); V. Govindu, "Lie-algebraic
@@ -25,9 +26,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vitruvian.body.hands import Rounding
 from vitruvian.body.types import Body, Floats, require
 from vitruvian.deform.bind import bind
 from vitruvian.deform.contours import ContourOperator
+from vitruvian.deform.hand_links import hands_of
+from vitruvian.deform.hands import HandOperator
 from vitruvian.deform.hybrid import Hybrid, Painted
 from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
 from vitruvian.deform.normals import Incidence, incidence, mesh_normals, operator_normals
@@ -38,7 +42,7 @@ from vitruvian.errors import VitruvianError
 
 Single = NDArray[np.float32]
 WEIGHTED = ("linear", "dual-quaternion", "log", "log-pair", "log-absolute", "hybrid", "volume")
-NAMES = (*WEIGHTED, "contours")
+NAMES = (*WEIGHTED, "contours", "hand")
 
 
 def deformer(
@@ -53,6 +57,7 @@ def deformer(
     mix: ArrayLike | None = None,
     follow: bool = True,
     off: Collection[str] = (),
+    hands: Mapping[str, Rounding] | bool | None = None,
     threads: int = 0,
 ) -> Deformer:
     """Binds an operator to a body.
@@ -61,6 +66,8 @@ def deformer(
     `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid". `mix` (V,), 0..1, paints between
     "linear" (0) and the operator (1). `follow`: consecutive frames of one call keep twists continuous past 180 degrees.
     `off`: surfaces of "contours" that follow their joint as rigid pieces.
+    `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint
+    or finger ("index", "l_thumb", "" for all).
     `threads` 0 chooses by size; results never depend on it.
     Raises VitruvianError for a name that is not in `NAMES` and for options out of range.
     """
@@ -69,6 +76,15 @@ def deformer(
     require(0 <= steps <= 3, "steps", "0 to 3", steps)
     require(5e-5 <= tolerance <= 5e-3, "tolerance", "0.00005 to 0.005 metres", tolerance)
     require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
+    if name == "hand" or hands not in (None, False):
+        chosen = hands if isinstance(hands, Mapping) else None
+        base = deformer(
+            "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
+            fade=fade, mix=mix, follow=follow, off=off, threads=threads,
+        )  # fmt: skip
+        found = hands_of(body, chosen)
+        require(bool(found), f"deformer {name!r}", "a body with wrists and fingers", "none")
+        return Deformer(name, body, HandOperator(base.operator, body.skin, found))
     joints, rest = len(body.skeleton), body.skin.rest
     operator: Operator
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)

@@ -213,7 +213,8 @@ class Plan:
     def _triangles(self, kinds: tuple[int, ...]) -> NDArray[np.int64]:
         """Triangles with a corner in one of the regions, hair and other ornaments apart."""
         skin = self.body.skin
-        chosen: NDArray[np.bool_] = np.asarray(np.isin(self.region[skin.triangles], kinds)).any(axis=1)
+        touched = np.isin(self.region, kinds)
+        chosen = touched[skin.triangles[:, 0]] | touched[skin.triangles[:, 1]] | touched[skin.triangles[:, 2]]
         for part in skin.parts:
             if _ornament(part):
                 chosen[part.start : part.stop] = False

@@ -1,0 +1,153 @@
+"""The hands of a body: links from the wrist to the fingertips by the names of the standard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vitruvian.body.hands import Hand, Rounding
+from vitruvian.body.types import Body, Floats, Skeleton
+from vitruvian.errors import VitruvianError
+from vitruvian.hanim.tables import canonical
+
+FINGERS = ("thumb", "index", "middle", "ring", "pinky")
+# Joints of each ray from the wrist on; the thumb has one less.
+RAYS = {
+    1: ("carpometacarpal_1", "metacarpophalangeal_1", "carpal_interphalangeal_1"),
+    **{
+        k: (f"carpometacarpal_{k}", f"metacarpophalangeal_{k}", f"carpal_proximal_interphalangeal_{k}",
+            f"carpal_distal_interphalangeal_{k}")
+        for k in range(2, 6)
+    },
+}  # fmt: skip
+
+
+def hands_of(body: Body, roundings: Mapping[str, Rounding] | None = None) -> tuple[Hand, ...]:
+    """Left and right hand of a body, those that have a wrist and at least two fingers.
+
+    `roundings`: by the name of a link's first joint ("l_metacarpophalangeal_2"), by a ray ("index", "l_index"), or ""
+    for all. Raises VitruvianError for a name that no link has.
+    """
+    given = dict(roundings or {})
+    index: dict[str, int] = {}
+    for i, name in enumerate(body.skeleton.names):
+        known = canonical(name)
+        if known:
+            index.setdefault(known, i)
+    made = [hand for side in "lr" if (hand := _hand(body, index, side, given)) is not None]
+    used = {key for hand in made for key in _keys(body.skeleton, hand)}
+    unknown = sorted(set(given) - used - {""})
+    if unknown:
+        raise VitruvianError(f"roundings: expected joints or rays of a hand, found {', '.join(unknown[:4])}")
+    return tuple(made)
+
+
+def _keys(skeleton: Skeleton, hand: Hand) -> set[str]:
+    out = {*FINGERS, *(f"{hand.name[0]}_{finger}" for finger in FINGERS)}
+    for j in hand.near.tolist():
+        out |= {skeleton.names[j], canonical(skeleton.names[j]) or ""}
+    return out
+
+
+def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding]) -> Hand | None:
+    skeleton = body.skeleton
+    wrist = index.get(f"{side}_radiocarpal")
+    knuckles = {k: index[name] for k in range(2, 6) if (name := f"{side}_metacarpophalangeal_{k}") in index}
+    if wrist is None or len(knuckles) < 2:
+        return None
+    first, last = skeleton.centers[knuckles[min(knuckles)]], skeleton.centers[knuckles[max(knuckles)]]
+    center = skeleton.centers[wrist]
+    back = _unit(np.cross(first - center, last - center)) * (1 if side == "l" else -1)
+    radial = _unit(first - last)  # towards the thumb
+    before: list[int] = []
+    near: list[int] = []
+    far: list[int] = []
+    start, end, axes, rays = [], [], [], []
+    beside: list[list[int]] = []
+    palm: dict[int, int] = {}
+    for ray, names in RAYS.items():
+        joints = [index[f"{side}_{name}"] for name in names if f"{side}_{name}" in index]
+        if not joints:
+            continue
+        if ray > 1 and f"{side}_carpometacarpal_{ray}" not in index:
+            joints = [wrist, *joints]
+        normal = back if ray > 1 else _unit(0.5 * back + 0.87 * radial)
+        tip = _tip(skeleton, side, ray, joints)
+        ends = [*(skeleton.centers[j] for j in joints[1:]), tip]
+        for n, joint in enumerate(joints):
+            here = skeleton.centers[joint]
+            if np.linalg.norm(ends[n] - here) < 1e-6:
+                continue
+            if n == 0:
+                palm[ray] = len(near)
+            before.append(int(skeleton.parents[joint]))
+            near.append(joint)
+            far.append(joints[n + 1] if n + 1 < len(joints) else -1)
+            start.append(here)
+            end.append(ends[n])
+            direction = _unit(ends[n] - here)
+            axes.append(_unit(np.cross(normal, direction)))
+            rays.append(ray)
+            beside.append([-1, -1])
+    for ray, link in palm.items():
+        if ray > 1:
+            beside[link] = [palm[k] if k > 1 and k in palm else -1 for k in (ray - 1, ray + 1)]
+    start_, end_ = np.array(start), np.array(end)
+    axis_near = np.array(axes)
+    axis_far = axis_near.copy()
+    for i, joint in enumerate(far):
+        if joint >= 0 and joint in near:
+            axis_far[i] = axis_near[near.index(joint)]
+    vertices, share = _skin(body, wrist, start_, end_, set(palm.values()))
+    if not len(vertices):
+        return None
+    names = skeleton.names
+    chosen = tuple(
+        _rounding(given, names[joint], side, FINGERS[ray - 1]) for joint, ray in zip(near, rays, strict=True)
+    )
+    return Hand(
+        f"{side}_hand", np.array(before), np.array(near), np.array(far), start_, end_, axis_near, axis_far,
+        np.array(beside), vertices, share, chosen,
+    )  # fmt: skip
+
+
+def _rounding(given: Mapping[str, Rounding], joint: str, side: str, finger: str) -> Rounding:
+    for key in (joint, canonical(joint) or joint, f"{side}_{finger}", finger, ""):
+        if key in given:
+            return given[key]
+    return Rounding()
+
+
+def _tip(skeleton: Skeleton, side: str, ray: int, joints: list[int]) -> Floats:
+    """The end of the last phalanx: its `_tip` Site, else as long as four fifths of the one before."""
+    for name in (f"{side}_{FINGERS[ray - 1]}_distal_tip", f"{side}_carpal_distal_phalanx_{ray}_tip"):
+        if name in skeleton.site_index:
+            return skeleton.site_points[skeleton.site_index[name]]
+    last = skeleton.centers[joints[-1]]
+    return last + 0.8 * (last - skeleton.centers[joints[-2]]) if len(joints) > 1 else last
+
+
+def _skin(body: Body, wrist: int, start: Floats, end: Floats, palm: set[int]) -> tuple[np.ndarray, Floats]:
+    """Vertices that move with the hand, and how far each is the hand's: growing over the first third of the palm."""
+    parents = body.skeleton.parents
+    below = np.zeros(len(parents), bool)
+    for j, parent in enumerate(parents):
+        below[j] = j == wrist or (parent >= 0 and below[parent])
+    weights = body.skin.weights
+    held = np.bincount(weights.vertex, weights.weight * below[weights.joint], minlength=len(weights))
+    vertices = np.flatnonzero(held > 0.5).astype(np.int32)
+    points = body.skin.rest[vertices]
+    bone = end - start
+    place = np.einsum("nld,ld->nl", points[:, None] - start, bone) / np.sum(bone * bone, axis=1)
+    foot = start + np.clip(place, 0, 1)[..., None] * bone
+    nearest = np.argmin(np.linalg.norm(points[:, None] - foot, axis=2), axis=1)
+    here = place[np.arange(len(points)), nearest]
+    ramp = np.clip(here / 0.35, 0, 1)
+    share = np.where(np.isin(nearest, list(palm)), ramp * ramp * (3 - 2 * ramp), 1.0)
+    kept = share > 0
+    return vertices[kept], share[kept]
+
+
+def _unit(v: Floats) -> Floats:
+    return v / max(float(np.linalg.norm(v)), 1e-12)
