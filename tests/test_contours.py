@@ -363,3 +363,55 @@ def test_a_body_without_the_joints_that_are_cut_is_refused_by_name():
     body, _ = tube()
     with pytest.raises(VitruvianError, match="contours: the body needs the joints l_hip, l_knee"):
         contoured(body)
+
+
+def test_a_coarser_level_is_a_subset_to_the_bit(sliced):
+    from vitruvian.modeling.levels import coarser
+
+    small, source = coarser(sliced.body, contours=3, points=2)
+    assert len(small.skin.rest) < len(sliced.body.skin.rest)
+    assert sum(s.vertices.size for s in small.contours) < 0.4 * sum(s.vertices.size for s in sliced.body.contours)
+    assert np.array_equal(small.skin.rest, sliced.body.skin.rest[source])
+    skeleton = sliced.body.skeleton
+    turns = {"l_knee": [1, 0, 0, 1.4], "r_elbow": [-1, 0, 0, 1.2], "vt6": [0.1, 1, 0, 0.4], "vc4": [0, 1, 0, 0.3]}
+    m = posed(skeleton, **turns)
+    assert np.array_equal(deformer("contours", small)(m), deformer("contours", sliced.body)(m)[source])
+    by = {s.name: s for s in small.contours}
+    out = deformer("contours", small)(m)
+    assert np.array_equal(out[by["l_thigh_def"].vertices[-1]], out[by["l_calf_def"].vertices[0]])
+
+
+def test_the_volume_survey_keeps_the_volume_of_a_bent_limb():
+    def volume(points, surfaces):
+        total = 0.0
+        for s in surfaces:
+            p = points[s.vertices].astype(float)
+            centers = p.mean(axis=1, keepdims=True)
+            area = np.cross(p - centers, np.roll(p, -1, axis=1) - centers).sum(axis=1) / 2
+            total += np.sum((area[:-1] + area[1:]) / 2 * np.diff(centers[:, 0], axis=0))
+        return total
+
+    body, _ = tube(count=25, ramp=6, radius=0.12)
+    m = posed(body.skeleton, j1=[1, 0, 0, np.radians(135)])
+    rest = volume(body.skin.rest, body.contours)
+    kept = deformer("contours", body, survey=True)(m)
+    plain = deformer("contours", body)(m)
+    assert abs(volume(kept, body.contours) / rest - 1) < 0.01
+    assert abs(volume(plain, body.contours) / rest - 1) > 2 * abs(volume(kept, body.contours) / rest - 1)
+    a, b = body.contours
+    assert np.array_equal(kept[a.vertices[-1]], kept[b.vertices[0]])
+
+
+def test_a_muscle_bulges_as_its_joint_bends():
+    body, _ = tube()
+    bump = np.sin(np.linspace(0, np.pi, 15)) ** 2
+    s = body.contours[0]
+    strong = Contours(s.name, s.joint, s.vertices, s.joints, s.swing, bulge=0.3 * bump, muscle=1)
+    body = Body("arm", body.skeleton, body.skin, contours=(strong, body.contours[1]))
+    widths = []
+    for angle in (0.0, 1.0, 2.0, np.pi):
+        out = exact(body, posed(body.skeleton, j1=[1, 0, 0, angle]))
+        middle = out[strong.vertices[7]]
+        widths.append(np.linalg.norm(middle[0] - middle[8]))
+    assert widths[0] == pytest.approx(0.5) and widths[3] == pytest.approx(0.5 * 1.3)
+    assert np.all(np.diff(widths) > 0)

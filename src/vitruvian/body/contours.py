@@ -41,6 +41,8 @@ class Contours:
     mitre: Floats = None  # type: ignore[assignment]
     bulge: Floats = None  # type: ignore[assignment]
     muscle: int = -1
+    closed: bool = True
+    middle: Floats | None = None
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -62,6 +64,8 @@ class Contours:
         for field in ("diversion", "mitre", "bulge"):
             value = getattr(self, field)
             put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
+        if self.middle is not None:
+            put("middle", floats(self.middle, f"{title}: middle", count, 3))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
 
     def __len__(self) -> int:
@@ -201,3 +205,12 @@ def spine_shares(
     swing[:extra] = 1
     twist[:extra] = 1
     return swing, twist
+
+
+def grid(numbers: Ints, closed: bool) -> Ints:
+    """(T,3) triangles between neighbouring contours of points (C,P), the outside out."""
+    right = np.roll(numbers, -1, axis=1) if closed else numbers[:, 1:]
+    left = numbers if closed else numbers[:, :-1]
+    a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
+    both = [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)]
+    return np.concatenate(both).astype(np.int32)

@@ -91,7 +91,9 @@ def program(body: Body, surfaces: Collection[Contours]) -> Program:
             share.append(missing[worst])
             wide.append(here[surface.muscle] if surface.muscle >= 0 else 0)
     points = [rest[s.vertices] for s in surfaces]
-    middle = np.concatenate([p.mean(axis=1) for p in points])
+    middle = np.concatenate([
+        p.mean(axis=1) if s.middle is None else s.middle for s, p in zip(surfaces, points, strict=True)
+    ])  # fmt: skip
     along = np.concatenate([_normals(p) for p in points])
     flat = lambda field: np.concatenate([getattr(s, field) for s in surfaces])  # noqa: E731
     pairs = np.array(list(links), np.int32).reshape(-1, 2)
@@ -209,6 +211,71 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
     return out
 
 
+@dataclass(frozen=True, eq=False)
+class Slabs:
+    """Neighbouring contours of the same surface: `pair` (S,2) numbers of contours; `area` (C,3) vector areas at rest,
+    `free` (C,) how far a contour may change: nothing at seams."""
+
+    pair: Ints
+    area: Floats
+    free: Floats
+
+
+def slabs(body: Body, surfaces: Collection[Contours]) -> Slabs:
+    """What the volume survey needs. Halves of a torso are left alone: their areas are no sections."""
+    pairs, areas, free = [], [], []
+    first = 0
+    for surface in surfaces:
+        count = len(surface)
+        points = body.skin.rest[surface.vertices]
+        around = points - points.mean(axis=1, keepdims=True)
+        areas.append(np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1) / 2)
+        if surface.closed:
+            pairs.append(first + np.stack([np.arange(count - 1), np.arange(1, count)], axis=1))
+            inner = np.ones(count)
+            inner[[0, -1]] = 0
+            free.append(inner)
+        else:
+            free.append(np.zeros(count))
+        first += count
+    pair = np.concatenate(pairs).astype(np.int32) if pairs else np.zeros((0, 2), np.int32)
+    return Slabs(pair, np.concatenate(areas), np.concatenate(free))
+
+
+def surveyed(moved: Floats, p: Program, s: Slabs) -> Floats:
+    """Motions (F,C,4,4) of contours, each widened or narrowed in its plane so that the slabs keep their volume.
+
+    A slab between two contours holds about the mean of their vector areas times the way between their centres. Factors
+    stay within 0.7 and 1.4; seams keep theirs at one.
+    """
+    if not len(s.pair):
+        return moved
+    rest = _volumes(s.area, p.middle, s.pair)
+    center = np.einsum("fcab,cb->fca", moved[..., :3, :3], p.middle) + moved[..., :3, 3]
+    area = np.einsum("fcab,cb->fca", moved[..., :3, :3], s.area)
+    now = _volumes(area, center, s.pair)
+    ratio = np.clip(rest / np.where(np.abs(now) > 1e-12, now, 1e-12), 0.49, 1.96)
+    total = np.zeros(moved.shape[:2])
+    count = np.zeros(len(p))
+    for side in (0, 1):
+        total[:, s.pair[:, side]] += ratio  # a contour is in one slab on each side at most
+        count[s.pair[:, side]] += 1
+    mean = np.where(count > 0, total / np.maximum(count, 1), 1.0)
+    factor = np.clip(np.sqrt(mean), 0.7, 1.4)
+    factor = 1 + s.free * (factor - 1)
+    along = p.along[:, :, None] * p.along[:, None, :]
+    shape = factor[..., None, None] * (np.eye(3) - along) + along
+    out = moved.copy()
+    out[..., :3, :3] = moved[..., :3, :3] @ shape
+    out[..., :3, 3] = center - np.einsum("fcab,cb->fca", out[..., :3, :3], p.middle)
+    return out
+
+
+def _volumes(area: Floats, center: Floats, pair: Ints) -> Floats:
+    way = center[..., pair[:, 1], :] - center[..., pair[:, 0], :]
+    return np.sum((area[..., pair[:, 0], :] + area[..., pair[:, 1], :]) / 2 * way, axis=-1)
+
+
 def _vector(q: Floats) -> Floats:
     """Axis times angle, the angle in 0..2 pi as the sign of the quaternion says."""
     length = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
@@ -218,10 +285,14 @@ def _vector(q: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ContourOperator:
-    """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces."""
+    """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces.
+
+    `survey`: contours widen or narrow where a bend would change the volume between them.
+    """
 
     body: Body
     off: frozenset[str] = frozenset()
+    survey: bool = False
     follow: bool = True
     threads: int = 0
 
@@ -229,6 +300,10 @@ class ContourOperator:
     def program(self) -> Program:
         surfaces = [s.rigid if s.name in self.off else s for s in self.body.contours]
         return program(self.body, surfaces)
+
+    @cached_property
+    def slabs(self) -> Slabs:
+        return slabs(self.body, self.body.contours)
 
     @cached_property
     def owner(self) -> NDArray[np.int64]:
@@ -289,7 +364,11 @@ class ContourOperator:
         if native is None or native.deviation(matrices) > RIGID:
             used = np.arange(len(self.body.skeleton), dtype=np.int32)
             matrices, stretches = factor(matrices, self.body.skeleton, used)
-        return motions(self.program, matrices, follow=self.follow), matrices, stretches
+        both = motions(self.program, matrices, follow=self.follow)
+        if self.survey:
+            joints = matrices.shape[1]
+            both[:, joints:] = surveyed(both[:, joints:], self.program, self.slabs)
+        return both, matrices, stretches
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         both, rigid, stretches = self._motions(matrices)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.contours import Contours, limb, spine_shares
+from vitruvian.body.contours import Contours, grid, limb, spine_shares
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights
 from vitruvian.errors import VitruvianError
 from vitruvian.modeling.slicing import Rings, clipped, joined, rings
@@ -255,7 +255,7 @@ class Plan:
             part = Rings(loops.points[:, which], loops.face[:, which], loops.barycentric[:, which])
             surface = Contours(
                 f"l5_{name}_def", self.index["vl5"], np.arange(count * points, dtype=np.int32).reshape(count, points),
-                np.array(self.spine, np.int32), swing, twist,
+                np.array(self.spine, np.int32), swing, twist, closed=False,
             )  # fmt: skip
             out.append(Sliced(f"l5_{name}", self.index["vl5"], part, surface))
         return [*out, self._neck(loops)]
@@ -396,20 +396,19 @@ def _assembled(body: Body, surfaces: list[Sliced], pieces: Skin) -> ContourBody:
     painted = skin.colors is not None
     for s in surfaces:
         count, each = s.rings.points.shape[:2]
-        closed = not s.name.startswith("l5_")
         numbers = first + np.arange(count * each).reshape(count, each)
-        grid = _grid(numbers, closed)
+        faces = grid(numbers, s.surface.closed)
         points.append(s.rings.points.reshape(-1, 3))
-        triangles.append(grid)
+        triangles.append(faces)
         colors.append(_colors(skin, s.rings) if painted else np.zeros((count * each, 3)))
         contours.append(replace(s.surface, vertices=numbers))
         owners, values = _equivalent(s.surface)
         vertex.append(np.repeat(numbers[:, :, None], len(owners), axis=2).ravel())
         joint.append(np.tile(owners, count * each))
         weight.append(np.repeat(values, each, axis=0).ravel())
-        parts.append(Part(s.name, total, total + len(grid), double_sided=True))
+        parts.append(Part(s.name, total, total + len(faces), double_sided=True))
         first += count * each
-        total += len(grid)
+        total += len(faces)
     for part in pieces.parts:
         parts.append(replace(part, start=part.start + total, stop=part.stop + total))
     w = pieces.weights
@@ -429,14 +428,6 @@ def _assembled(body: Body, surfaces: list[Sliced], pieces: Skin) -> ContourBody:
     )
     made = Body(body.name, body.skeleton, whole, body.placement, tuple(contours))
     return ContourBody(made, _error(body, whole, total))
-
-
-def _grid(numbers: Ints, closed: bool) -> Ints:
-    """Triangles between neighbouring contours, the outside out."""
-    right = np.roll(numbers, -1, axis=1) if closed else numbers[:, 1:]
-    left = numbers if closed else numbers[:, :-1]
-    a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
-    return np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
 
 
 def _colors(skin: Skin, made: Rings) -> Floats:
