@@ -79,6 +79,7 @@ def _motion(reading: Reading, node: Node, number: int, prefixes: tuple[str, ...]
     if duration <= 0:
         reading.defect("M17", f"motion {name}: frameDuration {duration:g} is read as 0.1 s", node)
         duration = 0.1
+    last = int(reading.number(node, "endFrame", 0))
     motion = MotionData(
         name=name,
         joints=joints,
@@ -87,7 +88,7 @@ def _motion(reading: Reading, node: Node, number: int, prefixes: tuple[str, ...]
         frame_duration=duration,
         enabled=reading.flag(node, "enabled", False),
         loop=reading.flag(node, "loop", False),
-        end_frame=int(reading.number(node, "endFrame", 0)),
+        end_frame=0 if last == frames - 1 else last,
         node=node,
     )
     read_members(reading, node, motion, "Motion")
