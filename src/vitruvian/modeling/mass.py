@@ -211,26 +211,24 @@ def filled(points: Floats, pieces: Wedges, bones: Floats) -> tuple[Floats, Float
     return add(volume), np.stack([add(row) for row in first], axis=1), spread
 
 
-def _mass(volume: float, first: Floats, second: Floats, density: float) -> Mass:
-    center = first / volume
-    spread = density * (second - volume * np.outer(center, center))
-    return Mass(float(density * volume), center, _possible(np.trace(spread) * np.eye(3) - spread, volume, density))
-
-
-def _possible(inertia: Floats, volume: float, density: float) -> Floats:
-    """The inertia (3,3), or that of a ball of the volume where no body can have it (thin pieces that overlap)."""
-    low, middle, high = np.linalg.eigvalsh(inertia)
-    if low > 0 and low + middle >= high * (1 - 1e-9):
-        return inertia
-    return 0.4 * density * volume * (0.75 * volume / np.pi) ** (2 / 3) * np.eye(3)
-
-
 def pieces_of(volume: Floats, first: Floats, second: Floats, densities: Floats) -> list[Mass | None]:
-    """Mass properties of pieces from their integrals, as `filled` and `measured` answer them; None without volume."""
-    return [
-        _mass(float(v), f, s, float(d)) if v > 1e-12 else None
-        for v, f, s, d in zip(volume, first, second, densities, strict=True)
-    ]
+    """Mass properties of pieces from their integrals, as `filled` and `measured` answer them; None without volume.
+
+    Where no body can have the inertia (thin pieces that overlap) it is that of a ball of the same volume.
+    """
+    there = volume > 1e-12
+    v, density = volume[there], densities[there]
+    center = first[there] / v[:, None]
+    spread = density[:, None, None] * (second[there] - v[:, None, None] * center[:, :, None] * center[:, None, :])
+    inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
+    low, middle, high = np.linalg.eigvalsh(inertia).T
+    bad = ~((low > 0) & (low + middle >= high * (1 - 1e-9)))
+    ball = 0.4 * density * v * (0.75 * v / np.pi) ** (2 / 3)
+    inertia[bad] = ball[bad, None, None] * np.eye(3)
+    out: list[Mass | None] = [None] * len(volume)
+    for k, m, c, i in zip(np.flatnonzero(there), density * v, center, inertia, strict=True):
+        out[k] = Mass(float(m), c, i)
+    return out
 
 
 def solid(points: Floats, triangles: Ints, *, density: float = 1000.0) -> Mass:
@@ -243,9 +241,11 @@ def solid(points: Floats, triangles: Ints, *, density: float = 1000.0) -> Mass:
     triangles = indices(triangles, "triangles", len(points), None, 3)
     _, same = np.unique(points, axis=0, return_inverse=True)
     volume, first, second = measured(points, cut(triangles, np.zeros(len(triangles)), 1, same.reshape(-1)))
-    require(abs(volume[0]) > 1e-15, "triangles", "a surface that encloses something", "no volume")
+    require(abs(volume[0]) > 1e-12, "triangles", "a surface that encloses something", "no volume")
     sign = np.sign(volume[0])
-    return _mass(sign * volume[0], sign * first[0], sign * second[0], density)
+    (found,) = pieces_of(sign * volume, sign * first, sign * second, np.array([density]))
+    assert found is not None
+    return found
 
 
 def masses(
