@@ -390,11 +390,12 @@ class _Builder:
             self.lost.append("HAnimMotion: only X3D 4.0 has it")
             return
         nodes = []
+        driven = any(t.field not in {"weight", "point"} for t in h.tracks)
         for m in h.motions:
-            node = motion_node(m, self.names.free(prefix + m.name), enabled=m.enabled and not h.tracks)
+            node = motion_node(m, self.names.free(prefix + m.name), enabled=m.enabled and not driven)
             self._plain(node, m, "Motion")  # type: ignore[arg-type]
             nodes.append(node)
-        if h.tracks and any(m.enabled for m in h.motions):
+        if driven and any(m.enabled for m in h.motions):
             self.lost.append("enabled of HAnimMotion: interpolators drive the same joints, so it is written as FALSE")
         _put(root, "motions", nodes)
 
