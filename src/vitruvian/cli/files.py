@@ -163,7 +163,9 @@ def convert(
 
     if hanim not in (None, "1.1", "200x", "2.0"):
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
-    thing = registry.load(source, name=name, repair=repair)
+    several = name is None and loa is None and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
+    found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
+    thing = found or registry.load(source, name=name, repair=repair)
     lost: list[str] = []
     if loa is not None:
         from vitruvian.hanim.convert import VERSIONS, converted
@@ -173,9 +175,6 @@ def convert(
             raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
         version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
         thing, lost = converted(thing, version, loa=loa)
-    several = name is None and loa is None and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
-    if several:  # a scene takes all the figures of a scene
-        thing = registry.humanoids(source, repair=repair)
     report = registry.save(thing, target, hanim=hanim, clip=clip)
     report["lost"] = lost + report["lost"]
     text = f"wrote {target}"

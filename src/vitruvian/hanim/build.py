@@ -11,7 +11,8 @@ import vitruvian
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import members, prototypes, tables
 from vitruvian.hanim.build_kept import copies
-from vitruvian.hanim.build_motion import INTERPOLATORS, motion_node, track_nodes
+from vitruvian.hanim.build_motion import motion_node, track_nodes
+from vitruvian.hanim.build_pieces import Lists, credits, info_strings, left_behind, put, token, use, viewpoint_node
 from vitruvian.hanim.build_shape import Names, ShapeWriter
 from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Literal, Node, Route, Scene, Use
@@ -20,33 +21,6 @@ from vitruvian.hanim.reading import Reading
 from vitruvian.hanim.segmenting import segmented
 from vitruvian.hanim.studio import studio
 
-# Node types whose meaning the typed view carries (or that are made anew).
-_CARRIED = {
-    *(
-        "Shape",
-        "Appearance",
-        "Material",
-        "PhysicalMaterial",
-        "ImageTexture",
-        "Coordinate",
-        "TextureCoordinate",
-        "Color",
-    ),
-    *(
-        "ColorRGBA",
-        "Normal",
-        "IndexedFaceSet",
-        "IndexedTriangleSet",
-        "TriangleSet",
-        "Box",
-        "Sphere",
-        "Cylinder",
-        "Cone",
-    ),
-    *("Group", "Transform", "TimeSensor", *INTERPOLATORS.values(), "WorldInfo", "NavigationInfo", "Background"),
-}
-# Fields of a Humanoid whose children need a containerField in XML.
-_NAMED = {"skeleton", "joints", "segments", "sites", "viewpoints", "skin", "skinCoord", "skinNormal", "motions"}
 _SITES = {"pt", "tip", "view"}
 _DISPLACERS = {"feature", "action", "config"}
 
@@ -82,10 +56,10 @@ def scene_of(
     elif encoding != "wrl" and version in {"200x", "1.1"}:
         lost.append(f"X3D does not know H-Anim version {version}: written as 1.0, the same names")
         version = "1.0"
-    return _Builder(version, encoding, draft).scene(humanoids, lost), lost
+    return Builder(version, encoding, draft).scene(humanoids, lost), lost
 
 
-class _Builder:
+class Builder:
     """One scene under construction."""
 
     def __init__(self, version: str, encoding: str, draft: bool = False):
@@ -110,7 +84,7 @@ class _Builder:
             self.out.components.append(("HAnim" if self.modern else "H-Anim", level))
             self.out.metas.append(("generator", f"vitruvian {vitruvian.__version__}"))
         title = ", ".join(h.name for h in humanoids if h.name) or "humanoid"
-        self.out.body.append(Node("WorldInfo", fields={"title": title, "info": _credits(humanoids)}))
+        self.out.body.append(Node("WorldInfo", fields={"title": title, "info": credits(humanoids)}))
         ready = []
         for h in humanoids:
             there, gone = converted(h, self.version)
@@ -119,9 +93,9 @@ class _Builder:
         self.out.body += studio(ready)
         given: set[str] = set()
         for h in ready:
-            name, n = _token(h.name) or "humanoid", 2
+            name, n = token(h.name) or "humanoid", 2
             while name in given:
-                name, n = f"{_token(h.name) or 'humanoid'}_{n}", n + 1
+                name, n = f"{token(h.name) or 'humanoid'}_{n}", n + 1
             given.add(name)
             if name != h.name:
                 h = replace(h, name=name)
@@ -133,7 +107,7 @@ class _Builder:
         lost += self.lost + sorted(self.shapes.lost)
         for field, n in self.missing.items():
             lost.append(f"{field} of {n} object{'s' if n > 1 else ''}: H-Anim {self.version} has no such field")
-        lost += _left_behind(humanoids, self.carried)
+        lost += left_behind(humanoids, self.carried)
         return self.out
 
     @property
@@ -195,10 +169,22 @@ class _Builder:
         """Whether the target's node of that kind has the field."""
         return members.has(self.table, kind, field)
 
+    def part(
+        self, part: Joint | Segment | Site | Displacer, prefix: str, figure: Lists, h: Humanoid, owner: Segment | None
+    ) -> Node:
+        """The node of one object and all it holds; `owner` is the Segment that a Displacer moves."""
+        if isinstance(part, Joint):
+            return self._joint(part, prefix, figure, h)
+        if isinstance(part, Segment):
+            return self._segment(part, prefix, figure, [])
+        if isinstance(part, Site):
+            return self._site(part, prefix, figure)
+        return self._displacer(part, prefix, figure, owner)
+
     def _humanoid(self, h: Humanoid, prefix: str) -> None:
         root = self.node("Humanoid", self.names.free(prefix + (h.name or "humanoid")))
         fields = root.fields
-        fields["name"] = _token(h.name) or "humanoid"
+        fields["name"] = token(h.name) or "humanoid"
         fields["version"] = self.version
         if self.has("Humanoid", "loa"):
             fields["loa"] = int(h.loa)
@@ -206,16 +192,16 @@ class _Builder:
         if strings:
             fields["info"] = strings
         self._plain(root, h, "Humanoid")
-        figure = _Lists()
+        figure = Lists()
         body = "humanoidBody" if self.version == "1.1" else "skeleton"
         entries: list[Node] = [self._joint(j, prefix, figure, h) for j in h.skeleton]
         entries += [self._site(s, prefix, figure) for s in h.sites]
-        _put(root, body, entries)
+        put(root, body, entries)
         self._skin(h, root, prefix, figure)
-        _put(root, "joints", [_use(n) for n in figure.joints])
-        _put(root, "segments", [_use(n) for n in figure.segments])
-        _put(root, "sites", [_use(n) for n in figure.sites])
-        _put(root, "viewpoints", [self._viewpoint(s, prefix, figure) for s in h.viewpoints])
+        put(root, "joints", [use(n) for n in figure.joints])
+        put(root, "segments", [use(n) for n in figure.segments])
+        put(root, "sites", [use(n) for n in figure.sites])
+        put(root, "viewpoints", [self._viewpoint(s, prefix, figure) for s in h.viewpoints])
         self._motions(h, root, prefix)
         if h.binding or h.skin_binding_coords is not None or h.skin_binding_normals is not None:
             self.lost.append("binding matrices (browsers disagree on them, so they are not written)")
@@ -223,35 +209,35 @@ class _Builder:
         self.out.body.append(root)
         self._tracks(h, prefix, {"": root, **figure.by_name}, figure.points)
 
-    def _of_the_draft(self, h: Humanoid, root: Node, prefix: str, figure: _Lists) -> None:
+    def _of_the_draft(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
         """What X3D 4.1 adds: displacers of the humanoid itself, poses and other children."""
         if self.table != members.DRAFT:
             gone = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
             self.missing.update({f"Humanoid.{field}": len(things) for field, things in gone.items() if things})
             return
         if h.skin_displacers:
-            _put(root, "displacers", [self._displacer(d, prefix, figure) for d in h.skin_displacers])
+            put(root, "displacers", [self._displacer(d, prefix, figure) for d in h.skin_displacers])
         children = [*(self._pose(p, prefix) for p in h.poses), *self._kept(h.children, "the humanoid")]
-        _put(root, "children", children)
+        put(root, "children", children)
 
     def _pose(self, pose: Pose, prefix: str) -> Node:
-        node = Node("HAnimPose", self.names.free(prefix + pose.name), {"name": _token(pose.name)})
+        node = Node("HAnimPose", self.names.free(prefix + pose.name), {"name": token(pose.name)})
         self._plain(node, pose, "Pose")
         joints = []
         for joint in pose.joints:
-            child = Node("HAnimJoint", fields={"name": _token(joint.name)})
+            child = Node("HAnimJoint", fields={"name": token(joint.name)})
             self._plain(child, joint, "Joint")
             joints.append(child)
         if joints:
             node.fields["children"] = joints
         return node
 
-    def _skin(self, h: Humanoid, root: Node, prefix: str, figure: _Lists) -> None:
+    def _skin(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
         if not len(h.skin_coord) or not self.has("Humanoid", "skinCoord"):
             return
         coords = f"{prefix}skin_coords"
         shown = [n for s in h.skin if (n := self.shapes.shape(s, prefix, coords, h.skin_coord)) is not None]
-        _put(root, "skin", shown)
+        put(root, "skin", shown)
         made = Node("Coordinate", fields={"point": h.skin_coord})
         coord = self.shapes.share("coord", h.skin_coord, coords, made)
         coord.container = "skinCoord"
@@ -262,7 +248,7 @@ class _Builder:
         if not self.native:
             self.lost.append("a moving skin: plain VRML97 browsers draw the skin at rest, only H-Anim browsers move it")
 
-    def _joint(self, top: Joint, prefix: str, figure: _Lists, h: Humanoid) -> Node:
+    def _joint(self, top: Joint, prefix: str, figure: Lists, h: Humanoid) -> Node:
         """A joint and all below it."""
         made: dict[int, Node] = {}
         for joint in top.walk():
@@ -271,7 +257,7 @@ class _Builder:
             figure.joints.append(node)
             figure.by_name[joint.name] = node
             fields = node.fields
-            fields["name"] = _token(joint.name)
+            fields["name"] = token(joint.name)
             self._plain(node, joint, "Joint")
             fields["center"] = joint.center
             for field, value in (("llimit", joint.llimit), ("ulimit", joint.ulimit)):
@@ -297,7 +283,7 @@ class _Builder:
                 below += [made[id(j)] for j in joint.joints]  # type: ignore[operator]
         return made[id(top)]
 
-    def _segments(self, joint: Joint, prefix: str, figure: _Lists) -> list[Node]:
+    def _segments(self, joint: Joint, prefix: str, figure: Lists) -> list[Node]:
         """Segment nodes; the joint's own Sites go into its segment, where the schema wants them."""
         segments = joint.segments
         if joint.sites and not segments:
@@ -309,11 +295,11 @@ class _Builder:
             nodes.append(self._segment(segment, prefix, figure, joint.sites if k == 0 else []))
         return nodes
 
-    def _segment(self, segment: Segment, prefix: str, figure: _Lists, sites: list[Site]) -> Node:
+    def _segment(self, segment: Segment, prefix: str, figure: Lists, sites: list[Site]) -> Node:
         node = self.node("Segment", self.names.free(prefix + segment.name))
         figure.segments.append(node)
         fields = node.fields
-        fields["name"] = _token(segment.name)
+        fields["name"] = token(segment.name)
         self._plain(node, segment, "Segment")
         if segment.moments_of_inertia.any():
             fields["momentsOfInertia"] = segment.moments_of_inertia
@@ -340,42 +326,42 @@ class _Builder:
         shared = [s for s in segment.shapes if s.points is not None and len(s.triangles)]
         model = next((s for s in shared if s.points is segment.coord), shared[0] if shared else None)
         if model is not None and (segment.coord is None or model.points is segment.coord) and shapes:
-            return _use(shapes[shared.index(model)].children("geometry")[0].children("coord")[0])
+            return use(shapes[shared.index(model)].children("geometry")[0].children("coord")[0])
         if segment.coord is None:
             return None
         return self.shapes.share("coord", segment.coord, coords, Node("Coordinate", fields={"point": segment.coord}))
 
-    def _site(self, site: Site, prefix: str, figure: _Lists, listed: bool = True) -> Node:
+    def _site(self, site: Site, prefix: str, figure: Lists, listed: bool = True) -> Node:
         suffixed = site.name.rpartition("_")[2] in _SITES
         node = self.node("Site", self.names.free(prefix + site.name + ("" if suffixed else "_pt")))
         if listed:
             figure.sites.append(node)
         figure.by_name.setdefault(site.name, node)
         figure.by_site[id(site)] = node
-        node.fields["name"] = _token(site.name)
+        node.fields["name"] = token(site.name)
         self._plain(node, site, "Site")
         coords = f"{prefix}{site.name}_coords"
         children = [n for s in site.shapes if (n := self.shapes.shape(s, prefix, coords)) is not None]
         viewpoints = site.viewpoints
         if site.name.endswith("_view") and not viewpoints:
             viewpoints = [Viewpoint(site.name.removesuffix("_view").replace("_", " "), position=np.zeros(3))]
-        children += [_viewpoint(v) for v in viewpoints]
+        children += [viewpoint_node(v) for v in viewpoints]
         self.carried |= {id(v.node) for v in viewpoints}
         children += self._kept(site.children, f"site {site.name}")
         if children:
             node.fields["children"] = children
         return node
 
-    def _viewpoint(self, site: Site, prefix: str, figure: _Lists) -> Node | Use:
+    def _viewpoint(self, site: Site, prefix: str, figure: Lists) -> Node | Use:
         if id(site) in figure.by_site:
-            return _use(figure.by_site[id(site)])
+            return use(figure.by_site[id(site)])
         return self._site(site, prefix, figure, listed=False)
 
-    def _displacer(self, d: Displacer, prefix: str, figure: _Lists, segment: Segment | None = None) -> Node:
+    def _displacer(self, d: Displacer, prefix: str, figure: Lists, segment: Segment | None = None) -> Node:
         kind = "" if d.name.rpartition("_")[2] in _DISPLACERS else "_action" if d.displacements.any() else "_feature"
         node = self.node("Displacer", self.names.free(prefix + d.name + kind))
         figure.by_name.setdefault(d.name, node)
-        node.fields["name"] = _token(d.name)
+        node.fields["name"] = token(d.name)
         node.fields["coordIndex"] = d.coord_index.astype(np.int32)
         moves = d.displacements
         baked = next((s.transform for s in segment.shapes if s.points is not None), None) if segment else None
@@ -397,7 +383,7 @@ class _Builder:
             nodes.append(node)
         if driven and any(m.enabled for m in h.motions):
             self.lost.append("enabled of HAnimMotion: interpolators drive the same joints, so it is written as FALSE")
-        _put(root, "motions", nodes)
+        put(root, "motions", nodes)
 
     def _tracks(self, h: Humanoid, prefix: str, targets: dict[str, Node], points: dict[str, Node | Use]) -> None:
         if not h.tracks:
@@ -409,78 +395,3 @@ class _Builder:
         self.out.body += nodes
         self.routes += routes
         self.lost += lost
-
-
-class _Lists:
-    """Nodes of one humanoid in the order they were made, for the lists of USEs and for ROUTEs."""
-
-    def __init__(self) -> None:
-        self.joints: list[Node] = []
-        self.segments: list[Node] = []
-        self.sites: list[Node] = []
-        self.by_name: dict[str, Node] = {}
-        self.by_site: dict[int, Node] = {}
-        self.points: dict[str, Node | Use] = {}  # Coordinate of a segment, or of the skin under ""
-
-
-def _token(name: str) -> str:
-    """A name without blanks, as the schema's NMTOKEN wants it."""
-    return "_".join(name.split())
-
-
-def _use(node: Node) -> Use:
-    return Use(node.name, node, type=node.type)
-
-
-def _put(node: Node, field: str, children: list) -> None:
-    if not children:
-        return
-    for child in children:
-        if field in _NAMED:
-            child.container = field
-    node.fields[field] = children
-
-
-def _viewpoint(view: Viewpoint) -> Node:
-    fields: dict[str, object] = {"description": view.description, "position": view.position}
-    if view.orientation[3] != 0:
-        fields["orientation"] = view.orientation
-    if view.field_of_view != 0.785398:
-        fields["fieldOfView"] = float(view.field_of_view)
-    return Node("Viewpoint", fields=fields)
-
-
-def info_strings(h: Humanoid) -> list[str]:
-    """The info strings: those of the file in their order and wording, with what was changed, removed and added.
-
-    Of a key that stands twice the last value counts; all its strings stay until it is removed.
-    """
-    out, last = [], {}
-    for text in h.info_given:
-        key, _, value = (part.strip() for part in text.partition("="))
-        if not text.strip() or key in h.info:
-            last[key] = (len(out), value)
-            out.append(text)
-    for key, value in h.info.items():
-        if key not in last:
-            out.append(f"{key}={value}" if value else key)
-        elif last[key][1] != value:
-            out[last[key][0]] = f"{key}={value}"
-    return out
-
-
-def _left_behind(humanoids: list[Humanoid], carried: set[int]) -> list[str]:
-    """What the source files hold that a new scene does not: node types with their counts."""
-    counts: Counter[str] = Counter()
-    for scene in {id(h.scene): h.scene for h in humanoids if h.scene is not None}.values():
-        reading = Reading(scene)
-        other = (n for n in scene.walk() if n.type not in _CARRIED and id(n) not in carried)
-        counts.update(n.type for n in other if not reading.kind(n))
-    if not counts:
-        return []
-    some = ", ".join(f"{n} {kind}" for kind, n in counts.most_common(8)) + (", ..." if len(counts) > 8 else "")
-    return [f"other nodes of the source file: {some}"]
-
-
-def _credits(humanoids: list[Humanoid]) -> list[str]:
-    return [f"{k}={v}" for h in humanoids for k, v in h.info.items() if v][:16] or ["H-Anim humanoid"]

@@ -13,9 +13,10 @@ from dataclasses import fields
 import numpy as np
 
 from vitruvian.hanim.animation import event
-from vitruvian.hanim.build import info_strings
 from vitruvian.hanim.build_motion import motion_node, track_nodes
+from vitruvian.hanim.build_pieces import info_strings
 from vitruvian.hanim.graph import Node, Route, Scene, Use
+from vitruvian.hanim.grow import grown
 from vitruvian.hanim.humanoid import (
     Displacer,
     Humanoid,
@@ -70,10 +71,10 @@ def updated(humanoids: list[Humanoid], encoding: str) -> tuple[Scene, list[str]]
         return None
     if any(factor != 1 for category, _, factor in scene.units if category in {"length", "angle"}):
         return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        before = {id(h.node): h for h in view(scene, repair=True)}
-    pairs = [(before.get(id(h.node)), h) for h in humanoids]
+    pairs = _pairs(scene, humanoids)
+    known = [(old, new) for old, new in pairs if old is not None]
+    if len(known) == len(pairs) and _parts_differ(pairs) and all(grown(scene, old, new) for old, new in known):
+        pairs = _pairs(scene, humanoids)
     if any(old is None or not _same_build(old, new) for old, new in pairs):
         return None
     native = humanoids[0].node is not None and humanoids[0].node.type.startswith("HAnim")
@@ -84,6 +85,21 @@ def updated(humanoids: list[Humanoid], encoding: str) -> tuple[Scene, list[str]]
             _update(scene, old, new)
     scene.encoding = encoding
     return scene, []
+
+
+def _pairs(scene: Scene, humanoids: list[Humanoid]) -> list[tuple[Humanoid | None, Humanoid]]:
+    """Each humanoid with a fresh reading of its node."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        before = {id(h.node): h for h in view(scene, repair=True)}
+    return [(before.get(id(h.node)), h) for h in humanoids]
+
+
+def _parts_differ(pairs: list[tuple[Humanoid | None, Humanoid]]) -> bool:
+    """Whether objects were added, moved or removed."""
+    ids = lambda h: [id(t.node) for t in _things(h)] + [[id(c.node) for c in j.joints] for j in h.joints()]  # noqa: E731
+    coords = lambda h: [g.coord is None for g in h.segments()]  # noqa: E731
+    return any(old is not None and (ids(old) != ids(new) or coords(old) != coords(new)) for old, new in pairs)
 
 
 def _things(h: Humanoid) -> list[Humanoid | Joint | Segment | Site | Displacer | Pose | Viewpoint]:
