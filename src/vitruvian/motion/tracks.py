@@ -191,9 +191,19 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
 
 
 def _same_frame(rotation: Floats, shift: Floats) -> bool:
-    """Whether the last frame is the first again."""
+    """Whether the last frame is the first again, but for a root that goes on its way."""
     same = np.abs(np.sum(rotation[0] * rotation[-1], axis=-1)) > 1 - 1e-7
-    return bool(same.all() and np.abs(shift[0] - shift[-1]).max(initial=0.0) < 1e-5)
+    places = np.abs(shift[0] - shift[-1]).max(axis=-1) < 1e-5
+    return bool(same.all() and places[1:].all() and (places[0] or _goes_on(shift[:, 0])))
+
+
+def _goes_on(places: Floats) -> bool:
+    """Whether places (n,3) lead somewhere and end with the step before once more, as `_frames_to_write` ends them."""
+    if len(places) < 4:
+        return False
+    step = np.linalg.norm(np.diff(places[:-1], axis=0), axis=1).max()
+    far = np.linalg.norm(places[-2] - places[0]) > 3 * max(step, 1e-9)
+    return bool(far and np.abs(places[-1] - 2 * places[-2] + places[-3]).max() < 1e-5)
 
 
 def sample_track(track: Track, fraction: Floats) -> Floats:
@@ -291,6 +301,8 @@ def _closed(track: Track) -> bool:
     ends = sample_track(track, np.array([0.0, 1.0]))
     if track.field == "rotation":
         return bool(abs(ends[0] @ ends[1]) > 1 - 1e-7)
+    if track.field == "translation" and _goes_on(np.asarray(track.values, dtype=np.float64)):
+        return True
     return bool(np.abs(ends[0] - ends[1]).max() < 1e-6)
 
 
