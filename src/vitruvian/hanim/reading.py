@@ -14,8 +14,8 @@ from vitruvian.hanim.values import parse
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-KINDS = ("Humanoid", "Joint", "Segment", "Site", "Displacer", "Motion")
-_NAME = re.compile(r"(?:HAnim)?(Humanoid|Joint|Segment|Site|Displacer|Motion)(?:_?\d[\w.]*)?\Z")
+KINDS = ("Humanoid", "Joint", "Segment", "Site", "Displacer", "Motion", "Pose")
+_NAME = re.compile(r"(?:HAnim)?(Humanoid|Joint|Segment|Site|Displacer|Motion|Pose)(?:_?\d[\w.]*)?\Z")
 # Fields that only one kind of prototype has in its interface: how prototypes under other names are recognised.
 _MARKS = (
     ("humanoidBody", "Humanoid"),
@@ -27,6 +27,7 @@ _MARKS = (
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
 _SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
+_LENGTHS |= {"bboxCenter", "position"}
 
 
 def leniently(text: str) -> Floats:
@@ -74,7 +75,7 @@ class Reading:
 
     def _find_kind(self, name: str) -> str:
         match = _NAME.match(name)
-        if match and (match[1] != "Motion" or name.startswith("HAnim")):
+        if match and (match[1] not in {"Motion", "Pose"} or name.startswith("HAnim")):
             return match[1]
         fields = {f.name for f in self.protos[name].interface} if name in self.protos else set()
         return next((kind for mark, kind in _MARKS if mark in fields), "")
@@ -238,6 +239,19 @@ class Reading:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
             self.mend(node, field, default)
             return default
+
+    def flags(self, node: Node, field: str) -> list[bool]:
+        """Several TRUEs and FALSEs; anything else is refused."""
+        raw = self.raw(node, field)
+        if raw is None:
+            return []
+        try:
+            value = parse(raw, "MFBool", self.path) if isinstance(raw, Literal) else raw
+        except FileError as error:
+            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
+            self.mend(node, field, None)
+            return []
+        return [bool(v) for v in value] if isinstance(value, list | tuple) else [bool(value)]
 
     def text(self, node: Node, field: str, default: str = "") -> str:
         """A string."""
