@@ -297,11 +297,16 @@ def test_wrong_parameters_are_named():
     assert vt.__version__
 
 
+class Sliced:
+    def __init__(self, made):
+        self.error, self.humanoid, self.body = made.error, made.humanoid, vt.pack(made.humanoid)
+
+
 @pytest.fixture(scope="module")
 def sliced():
-    from vitruvian.modeling.contouring import contoured
+    from vitruvian.modeling.contours import contoured
 
-    return contoured(vt.pack(vt.person(gender=1)))
+    return Sliced(contoured(vt.person(gender=1)))
 
 
 def test_the_built_in_person_becomes_a_contour_body(sliced):
@@ -358,11 +363,9 @@ def test_all_seams_of_the_contour_body_stay_shut_in_any_pose(sliced):
 
 
 def test_a_body_without_the_joints_that_are_cut_is_refused_by_name():
-    from vitruvian.modeling.contouring import contoured
-
-    body, _ = tube()
+    humanoid = vt.person(loa=0)
     with pytest.raises(VitruvianError, match="contours: the body needs the joints l_hip, l_knee"):
-        contoured(body)
+        vt.contours(humanoid)
 
 
 def test_a_coarser_level_is_a_subset_to_the_bit(sliced):

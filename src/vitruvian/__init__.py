@@ -28,6 +28,7 @@ _WHERE = {
     "idle": "motion.idle",
     "deformer": "deform.deformer",
     "person": "modeling.person",
+    "contours": "modeling.contours",
     "masses": "modeling.mass",
     "whole_body": "modeling.mass",
     "feature_points": "modeling.features",
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from vitruvian.formats.registry import load as load
     from vitruvian.formats.registry import save as save
     from vitruvian.hanim.humanoid import Humanoid as Humanoid
+    from vitruvian.modeling.contours import contours as contours
     from vitruvian.modeling.features import add_feature_points as add_feature_points
     from vitruvian.modeling.features import feature_points as feature_points
     from vitruvian.modeling.mass import masses as masses

@@ -136,6 +136,7 @@ def limb(
     ramp: str = "linear",
     axes: Floats | None = None,
     spread: tuple[bool, bool] = (False, False),
+    closed: bool = True,
 ) -> Contours:
     """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
 
@@ -175,6 +176,7 @@ def limb(
         (np.tile([0.0, 1.0, 0.0], (2, 1)) if axes is None else axes)[: len(joints)],
         diversion=diversion * taper(count, fixed + upper, lower),
         mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
+        closed=closed,
     )
 
 

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from vitruvian.body.contours import Contours, grid
 from vitruvian.body.kinematics import transform_matrix
+from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
@@ -29,7 +31,9 @@ def pack(humanoid: Humanoid) -> Body:
     joints = _joints(humanoid)
     if not joints:
         raise VitruvianError(f"humanoid {humanoid.name!r}: expected at least one Joint in skeleton, found none")
-    return Body(humanoid.name, _skeleton(humanoid, joints), _skin(humanoid, joints), _placement(humanoid))
+    skeleton = _skeleton(humanoid, joints)
+    skin, contours = _skin(humanoid, joints, skeleton)
+    return Body(humanoid.name, skeleton, skin, _placement(humanoid), contours)
 
 
 def _joints(humanoid: Humanoid) -> list[Joint]:
@@ -165,7 +169,7 @@ class _Surface:
         )
 
 
-def _skin(humanoid: Humanoid, joints: list[Joint]) -> Skin:
+def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[Skin, tuple[Contours, ...]]:
     surface = _Surface()
     morphs: list[Morph] = []
     vertex: list[Ints] = []
@@ -200,11 +204,40 @@ def _skin(humanoid: Humanoid, joints: list[Joint]) -> Skin:
             if isinstance(holder, Segment):
                 morphs += [m for d in holder.displacers for m in _segment_morphs(d, holder, starts, i)]
 
+    contours = _contours(surface, joints, skeleton)
+    for packed in contours:
+        parent = max(int(skeleton.parents[packed.joints[0]]), 0)
+        owners, values = equivalent(packed, parent)
+        each = packed.vertices.shape[1]
+        vertex.append(np.repeat(packed.vertices.ravel(), len(owners)))
+        owner.append(np.tile(owners, packed.vertices.size))
+        weight.append(np.repeat(values, each, axis=0).ravel())
+
     join = lambda parts, kind: np.concatenate(parts) if parts else np.zeros(0, kind)  # noqa: E731
     weights = Weights.from_pairs(
         surface.vertex_count, join(vertex, np.int32), join(owner, np.int32), join(weight, np.float64)
     )
-    return surface.skin(weights, morphs)
+    return surface.skin(weights, morphs), contours
+
+
+def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tuple[Contours, ...]:
+    """The contour surfaces of all Segments, their points and faces added to the skin."""
+    found = []
+    for i, joint in enumerate(joints):
+        for c in (c for s in joint.segments for c in s.contours):
+            points = np.asarray(c.points, dtype=np.float64)
+            require(
+                points.ndim == 3 and points.size > 0, f"contours {c.name}", "points (contours, points, 3)", points.shape
+            )
+            count, each = points.shape[:2]
+            numbers = np.arange(count * each, dtype=np.int32).reshape(count, each)
+            flat = lambda a, n: None if a is None else np.asarray(a, np.float64).reshape(-1, n)  # noqa: E731
+            shape = Shape(c.name, grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
+                          colors=flat(c.colors, 3), material=c.material)  # fmt: skip
+            first = surface.add_points(points.reshape(-1, 3))
+            surface.add_shape(shape, first, c.name)
+            found.append((i, c, numbers + np.int32(first)))
+    return organised(found, skeleton)
 
 
 def _influence(joint: Joint, count: int) -> tuple[Ints, Floats]:

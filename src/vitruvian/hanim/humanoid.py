@@ -100,6 +100,34 @@ class Shape:
 
 
 @dataclass(slots=True, eq=False)
+class ContourSurface:
+    """A surface of a Segment organised in contours (DefBody): each contour turns as one piece.
+
+    `points` (C,P,3) at rest in humanoid space, from top to bottom, each contour counter-clockwise seen from the top;
+    `closed` False: contours are open, as in the front and back of a torso. `uv` (C,P,2), `colors` (C,P,3) sRGB, or None.
+    The first `fixed_upper` contours stay with the parent; over the next `upper` the rotation of the surface's own joint
+    is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it.
+    `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `spread`: the part of the
+    rotation about the limb is spread over the whole surface.
+    """
+
+    name: str
+    points: Array
+    closed: bool = True
+    fixed_upper: int = 0
+    upper: int = 0
+    lower: int = 0
+    extra: int = 0
+    diversion: float = 0.0
+    mitre: float = 0.0
+    spread: bool = False
+    uv: Array | None = None
+    colors: Array | None = None
+    material: Material = field(default_factory=Material)
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
 class Viewpoint:
     """A camera in a Site: `position` and `orientation` (axis-angle) in the Site's frame, `field_of_view` in radians."""
 
@@ -148,6 +176,7 @@ class Segment(Bounded):
     node: Node | None = None
     coord: Array | None = None
     children: list[Node] = field(default_factory=list)
+    contours: list[ContourSurface] = field(default_factory=list)
 
 
 @dataclass(slots=True, eq=False)

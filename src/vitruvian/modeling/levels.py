@@ -39,7 +39,7 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
     parts: list[Part] = []
-    named = {s.name.removesuffix("_def"): (s, r, c) for s, r, c in grids}
+    named = {s.name: (s, r, c) for s, r, c in grids}
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
+from vitruvian.errors import VitruvianError
 
 Whole = NDArray[np.int64]
 
@@ -47,13 +48,15 @@ def rings(
     angles: Floats | None = None,
     walls: list[tuple[Floats, Floats]] | None = None,
     roundness: float = 1.8,
+    name: str = "surface",
 ) -> Rings:
     """Loops of `points` points round `centers` (C,3), in the planes across `axis` (C,3), on the outermost surface.
 
     `chosen`: the triangles that may be met; `reach` (m): how far out to look. A second look goes no further than
     `roundness` times the loop's median radius, so that a neighbour is not taken for the limb. `walls` (point, outward
     normal): no point goes beyond them. Directions that meet nothing get the radius of their neighbours in the loop.
-    `angles` (P,): directions other than evenly round from `forward`.
+    `angles` (P,): directions other than evenly round from `forward`. Raises VitruvianError, naming the surface, when
+    more than half of the slices meet nothing.
     """
     from trimesh import Trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector
@@ -88,6 +91,11 @@ def rings(
         face = np.where(good, chosen[np.maximum(met, 0)], -1)
         middle = np.nanmedian(np.where(good, distance, np.nan), axis=1, keepdims=True)
         bound = np.minimum(limit, np.nan_to_num(roundness * middle, nan=reach))
+    empty = np.flatnonzero(np.isnan(radius).all(axis=1))
+    if len(empty) > count // 2:
+        raise VitruvianError(
+            f"contours {name}: expected a surface around it, found none at {len(empty)} of {count} slices"
+        )
     walled = np.isnan(radius) & (limit < reach - 1e-9)
     radius = np.where(walled, np.minimum(limit, bound), radius)
     radius = _filled(radius)

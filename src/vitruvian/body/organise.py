@@ -1,0 +1,106 @@
+"""Editable contour surfaces to packed ones: which joints turn which contour, from DefBody's parameters and the names.
+
+Surfaces on the spine are a torso: the bend of each vertebra grows across its zone, its twist is spread from the bottom.
+Surfaces on the neck bend the same way and meet the skull half way. All others are limbs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vitruvian.body.contours import Contours, limb, spine_shares
+from vitruvian.body.types import Floats, Ints, Skeleton
+from vitruvian.hanim.humanoid import ContourSurface
+from vitruvian.hanim.tables import canonical
+
+SPINE = (*(f"vl{i}" for i in range(5, 0, -1)), *(f"vt{i}" for i in range(12, 0, -1)))
+NECK = tuple(f"vc{i}" for i in range(7, 0, -1))
+
+
+def organised(surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Skeleton) -> tuple[Contours, ...]:
+    """Packed contours of (joint, surface, vertex numbers (C,P)) triples."""
+    index: dict[str, int] = {}
+    for i, name in enumerate(skeleton.names):
+        index.setdefault(canonical(name) or name, i)
+    kind = {i: name for name, i in index.items()}
+    spread = {joint for joint, surface, _ in surfaces if surface.spread}
+    out = []
+    for joint, surface, numbers in surfaces:
+        name = kind.get(joint, "")
+        if name in SPINE:
+            out.append(_torso(joint, surface, numbers, skeleton, [index[n] for n in SPINE if n in index]))
+        elif name in NECK or (name == "skullbase" and not any(n in index for n in NECK)):
+            chain = [index[n] for n in NECK if n in index]
+            out.append(_neck(joint, surface, numbers, skeleton, chain, index.get("skullbase")))
+        else:
+            out.append(_limb(joint, surface, numbers, skeleton, spread))
+    return tuple(out)
+
+
+def _limb(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, spread: set[int]) -> Contours:
+    children = np.flatnonzero(skeleton.parents == joint)
+    last = s.points[-1].mean(axis=0)
+    distal = None
+    if s.lower and len(children):
+        distal = int(children[np.argmin(np.linalg.norm(skeleton.centers[children] - last, axis=1))])
+    bones = [_bone(skeleton, joint, last), _bone(skeleton, distal, None) if distal is not None else None]
+    axes = np.stack([b if b is not None else bones[0] for b in bones])
+    return limb(
+        s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
+        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, distal in spread), closed=s.closed,
+    )  # fmt: skip
+
+
+def _bone(skeleton: Skeleton, joint: int, end: Floats | None) -> Floats:
+    """Unit direction of the bone below a joint: to its nearest child, else to `end`, else on as its parent's."""
+    start = skeleton.centers[joint]
+    children = skeleton.centers[skeleton.parents == joint]
+    if end is None and len(children):
+        end = children[np.argmin(np.linalg.norm(children - start, axis=1))]
+    if end is None:
+        end = 2 * start - skeleton.centers[max(int(skeleton.parents[joint]), 0)]
+    way = end - start
+    length = float(np.linalg.norm(way))
+    return way / length if length > 1e-9 else np.array([0.0, -1.0, 0.0])
+
+
+def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, chain: list[int]) -> Contours:
+    heights = s.points[:, :, 1].mean(axis=1)
+    centers = skeleton.centers[chain][:, 1]
+    low, bottom, top = centers[0] - 0.01, heights.min(), heights.max()
+    # Zones are squeezed into what the surface covers: it ends above the hips, which bend otherwise.
+    squeezed = low + (heights - bottom) * (top - low) / max(top - bottom, 1e-9)
+    swing, twist = spine_shares(squeezed, centers, extra=s.extra)
+    return Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
+
+
+def _neck(
+    joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, chain: list[int], skull: int | None
+) -> Contours:
+    count = len(s.points)
+    along = np.linspace(1, 0, count)  # 0 where it stands on the torso, 1 at the skull
+    joints = [*chain, *([skull] if skull is not None else [])]
+    swing, twist = np.ones((count, len(joints))), np.full((count, len(joints)), np.nan)
+    if chain:
+        heights = s.points[:, :, 1].mean(axis=1)
+        bend, wind = spine_shares(heights, skeleton.centers[chain][:, 1])
+        near = np.clip(3 * along, 0, 1)[:, None]
+        swing[:, : len(chain)], twist[:, : len(chain)] = bend * near, wind * near
+        swing[0, : len(chain)] = twist[0, : len(chain)] = 1  # at the skull all of the neck is bent
+    if skull is not None:
+        swing[:, -1] = 0.5 * along**2
+    return Contours(s.name, joint, numbers, np.array(joints, np.int32), swing, twist, closed=s.closed)
+
+
+def equivalent(surface: Contours, root: int = 0) -> tuple[Ints, Floats]:
+    """Joints (n+1,) and weights (C,n+1) of skinning that moves contours alike: each joint of what is left to it."""
+    parent = root
+    left = np.ones(len(surface))
+    values = np.zeros((len(surface), len(surface.joints) + 1))
+    for i in range(len(surface.joints) - 1, -1, -1):
+        values[:, i + 1] = left * surface.swing[:, i]
+        left = left * (1 - surface.swing[:, i])
+    values[:, 0] = left
+    return np.array([parent, *surface.joints], np.int32), values
