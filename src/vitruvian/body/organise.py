@@ -45,8 +45,8 @@ def _limb(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, spre
     distal = None
     if s.lower and len(children):
         distal = int(children[np.argmin(np.linalg.norm(skeleton.centers[children] - last, axis=1))])
-    bones = [_bone(skeleton, joint, last), _bone(skeleton, distal, None) if distal is not None else None]
-    axes = np.stack([b if b is not None else bones[0] for b in bones])
+    own = _bone(skeleton, joint, last)
+    axes = np.stack([own, own if distal is None else _bone(skeleton, distal, None)])
     return limb(
         s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
         diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, distal in spread), closed=s.closed,

@@ -151,7 +151,9 @@ def animate(
     body: str = typer.Argument(..., help="H-Anim file, or the word person."),
     motion: str = typer.Argument(..., help="BVH or H-Anim file, or the words walk or idle."),
     out: Path = Out,
-    deformer: str = typer.Option("log", help="How the skin follows: linear, dual-quaternion, log, hybrid, ..."),
+    deformer: str = typer.Option(
+        "log", help="How the skin follows: linear, dual-quaternion, log, volume, hand, hybrid, ..."
+    ),
     clip: str | None = typer.Option(None, "--clip", help="Name of the clip in an H-Anim file; `info` lists them."),
     repair: bool = typer.Option(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."

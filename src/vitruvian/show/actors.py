@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
+from vitruvian.deform.hand_links import hands_of
 from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
 from vitruvian.show.openness import openness, owners, reaches
@@ -23,7 +24,14 @@ from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 
 PAGE = ("linear", "dual-quaternion", "log")  # deform.js
-SERVED = ("hybrid", "log-pair", "log-absolute")  # computed here, sent as vertices
+SERVED = ("volume", "hand", "contours", "hybrid", "log-pair", "log-absolute")  # computed here, sent as vertices
+
+
+def able(body: Body, name: str) -> bool:
+    """Whether a deformer has what it needs of a body."""
+    if name == "contours":
+        return bool(body.contours)
+    return name != "hand" or bool(hands_of(body))
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, Actor, Vertices, mesh_message, pose_blocks, sample, turned
+from vitruvian.show.actors import PAGE, SERVED, Actor, Vertices, able, mesh_message, pose_blocks, sample, turned
 from vitruvian.show.wire import MAX_REQUEST, VERSION, Block, encode, parse_request
 
 if TYPE_CHECKING:
@@ -150,6 +150,8 @@ class Showing:
             name = request["name"]
             if name not in PAGE + SERVED:
                 raise VitruvianError(f"request deformer: expected one of {', '.join(PAGE + SERVED)}")
+            if not able(actor.body, name):
+                raise VitruvianError(f"request deformer: {actor.name} has nothing that {name!r} could move")
             if name in SERVED and (actor.name, name) not in self.vertices:
                 try:
                     self.vertices[actor.name, name] = Vertices(actor, name)
@@ -170,7 +172,11 @@ class Showing:
         """How time runs, as pages show it."""
         return {"playing": self.playing, "speed": self.speed, "loop": self.loop}
 
-    def hello(self, deformers: Sequence[str] = (*PAGE, *SERVED)) -> bytes:
+    def hello(self, deformers: Sequence[str] | None = None) -> bytes:
+        """The first message. `deformers`: those that may be chosen; None: all that one of the bodies can take."""
+        if deformers is None:
+            bodies = [a.body for a in self.actors if a.body is not None]
+            deformers = [*PAGE, *(name for name in SERVED if any(able(b, name) for b in bodies))]
         return encode(
             "hello",
             {

@@ -414,6 +414,7 @@ class Page {
 
 const DEFORMER_WORDS = {
   linear: "linear", "dual-quaternion": "dual quaternion", log: "log-matrix", "log-pair": "log, pairwise", "log-absolute": "log, as published", hybrid: "hybrid",
+  volume: "volume, no bulge", hand: "hands", contours: "contours",
 };
 const pressed = (id) => $(id).getAttribute("aria-pressed") === "true";
 const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers } : blocks);
