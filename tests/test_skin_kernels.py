@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import skins
 from vitruvian.body.types import Body, Skin, Weights
 from vitruvian.deform import normals, operators
-from vitruvian.deform.deformer import NAMES, deformer
+from vitruvian.deform.deformer import WEIGHTED, deformer
 from vitruvian.native import kernels
 
 pytestmark = pytest.mark.skipif(kernels() is None, reason="vitruvian._native is not built: pip install .")
@@ -39,7 +39,7 @@ def instructions(request):
     native.use_instruction_set(before)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 @pytest.mark.parametrize(("influences", "sums"), [*((n, None) for n in (1, 2, 4, 8, 12, 30)), (4, (0.4, 1))])
 @pytest.mark.parametrize("angle", [0.2, 1.5])
 def test_kernel_equals_twin(name, influences, sums, angle, instructions, monkeypatch):
@@ -67,7 +67,7 @@ def test_log_equals_twin_among_joints_that_are_near_and_far(influences, angle, i
     assert np.abs(d(m) - by_twin(monkeypatch, lambda: d(m))).max() < 1.5e-6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 def test_kernel_equals_twin_on_wild_and_scaled_motions(name, monkeypatch):
     body = skins.crowd(6, seed=9)
     for m in (skins.poses(body, angle=3.1), skins.poses(body, angle=1.0, scale=True)):
@@ -83,7 +83,7 @@ def test_normals_equal_twin(monkeypatch):
     assert np.abs(d.normals(points) - by_twin(monkeypatch, lambda: d.normals(points))).max() < 5e-6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", WEIGHTED)
 def test_threads_batches_and_blocks_do_not_change_a_bit(name):
     body = skins.crowd(6, vertices=1700)
     m = skins.poses(body, frames=3, angle=1.2)
@@ -151,7 +151,7 @@ influences = st.lists(
 
 
 @settings(max_examples=40, deadline=None)
-@given(influences, st.randoms(use_true_random=False), st.sampled_from(NAMES), st.integers(0, 100))
+@given(influences, st.randoms(use_true_random=False), st.sampled_from(WEIGHTED), st.integers(0, 100))
 def test_the_way_influences_are_written_does_not_matter(pairs, random, name, seed):
     total = sum(w for _, w in pairs)
     pairs = [(j, w / total) for j, w in pairs]
@@ -165,6 +165,8 @@ def test_the_way_influences_are_written_does_not_matter(pairs, random, name, see
     tail = [(j, 0.0) for j in range(12) if j not in {j for j, _ in pairs}][: random.randint(0, 5)]
     assert np.abs(deformer(name, rewritten(body, pairs + tail))(m) - expected).max() < 1e-6
 
+    if name == "volume":  # its centres follow squared weights: two halves carry less than one whole
+        return
     # an influence split over two joints that move alike, and merged again
     (j, w), *others = sorted(pairs, key=lambda pair: pair[1])
     free = [f for f in range(12) if f not in {j for j, _ in pairs}]
@@ -175,7 +177,7 @@ def test_the_way_influences_are_written_does_not_matter(pairs, random, name, see
 
 
 @settings(max_examples=30, deadline=None)
-@given(influences, st.sampled_from(NAMES), st.integers(0, 100))
+@given(influences, st.sampled_from(WEIGHTED), st.integers(0, 100))
 def test_equal_motions_are_exactly_rigid(pairs, name, seed):
     total = sum(w for _, w in pairs)
     body = rewritten(skins.crowd(1, vertices=1), [(j, w / total) for j, w in pairs])

@@ -370,7 +370,8 @@ def test_shapes_single_frames_and_out():
 def test_unknown_names_and_options_are_said():
     body = skins.point([1.0])
     with pytest.raises(
-        VitruvianError, match="dual-quaternion, log, log-pair, log-absolute, hybrid, volume, contours, found 'lbs'"
+        VitruvianError,
+        match="dual-quaternion, log, log-pair, log-absolute, hybrid, volume, contours, hand, found 'lbs'",
     ):
         deformer("lbs", body)
     for option in ({"steps": 4}, {"tolerance": 1.0}, {"angle": 4.0}, {"weights": "x"}, {"mix": [2.0]}, {"mix": [0, 1]}):
