@@ -3,8 +3,10 @@
 Blending rigid motions lets the outside of a bend bulge, because the sections on both sides of a joint swing about the
 joint as they turn. Here the rotation R of "log" is kept, and the section's centre c goes where the bone goes:
 p' = R (p - c) + sum v_i M_i c, with v_i the squares of the weights, made to sum to one. The centre is the vertex's foot on
-the bones of its joints. An influence divided between two joints that move alike carries less than before. Related: B. Le and J. Hodgins, "Real-time skeletal skinning with optimized centers of rotation"
-(2016), whose centres come from the weights alone.
+the bones of its joints. An influence divided between two joints that move alike carries less than before.
+
+Related: B. Le and J. Hodgins, "Real-time skeletal skinning with optimized centers of rotation" (2016), whose centres come
+from the weights alone.
 """
 
 from __future__ import annotations
