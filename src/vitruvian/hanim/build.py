@@ -15,8 +15,19 @@ from vitruvian.hanim.build_motion import motion_node, track_nodes
 from vitruvian.hanim.build_pieces import Lists, credits, info_strings, left_behind, put, token, use, viewpoint_node
 from vitruvian.hanim.build_shape import Names, ShapeWriter
 from vitruvian.hanim.convert import converted
+from vitruvian.hanim.defbody import defbody_node, prototype
 from vitruvian.hanim.graph import Literal, Node, Route, Scene, Use
-from vitruvian.hanim.humanoid import Described, Displacer, Humanoid, Joint, Pose, Segment, Site, Viewpoint
+from vitruvian.hanim.humanoid import (
+    ContourSurface,
+    Described,
+    Displacer,
+    Humanoid,
+    Joint,
+    Pose,
+    Segment,
+    Site,
+    Viewpoint,
+)
 from vitruvian.hanim.reading import Reading
 from vitruvian.hanim.segmenting import segmented
 from vitruvian.hanim.studio import studio
@@ -76,6 +87,8 @@ class Builder:
         self.extra: dict[str, dict[str, str]] = {}  # kind -> further fields of its prototype, with types
         self.reading = Reading(self.out)
         self.carried: set[int] = set()
+        self.defbodies: dict[bool, bool] = {}  # prototypes in use: textured -> with a colour per point
+        self.instances: list[tuple[Node, ContourSurface]] = []
 
     def scene(self, humanoids: list[Humanoid], lost: list[str]) -> Scene:
         if self.native:
@@ -101,6 +114,11 @@ class Builder:
                 h = replace(h, name=name)
             self.reading = Reading(h.scene or self.out)
             self._humanoid(h, "hanim_" if len(ready) == 1 else f"{name}_")
+        for node, surface in self.instances:  # all instances of a prototype have the fields that one of them needs
+            if self.defbodies[node.type == "DefBodyTex"] and "Colors" not in node.fields:
+                count = surface.points.shape[0] * surface.points.shape[1]
+                node.fields["Colors"] = np.tile(surface.material.color[:3], (count, 1))
+        self.out.body[:0] = [prototype(textured, colored) for textured, colored in self.defbodies.items()]
         if not self.native:
             self.out.body[:0] = prototypes.prototypes(self.version, self.extra)
         self.out.body += self.routes
@@ -292,8 +310,19 @@ class Builder:
             segments = [Segment(tables.name_in(name, self.version, "segment") or name)]
         nodes = []
         for k, segment in enumerate(segments):
-            nodes.append(self._segment(segment, prefix, figure, joint.sites if k == 0 else []))
+            node = self._segment(segment, prefix, figure, joint.sites if k == 0 else [])
+            if segment.contours:
+                below = node.fields.setdefault("children", [])
+                below += [self._contours(c, joint, prefix) for c in segment.contours]  # type: ignore[operator]
+            nodes.append(node)
         return nodes
+
+    def _contours(self, surface: ContourSurface, joint: Joint, prefix: str) -> Node:
+        textured, colored = surface.uv is not None, surface.colors is not None
+        self.defbodies[textured] = self.defbodies.get(textured, False) or colored
+        node = defbody_node(surface, joint.center, self.names.free(prefix + surface.name), textured, colored)
+        self.instances.append((node, surface))
+        return node
 
     def _segment(self, segment: Segment, prefix: str, figure: Lists, sites: list[Site]) -> Node:
         node = self.node("Segment", self.names.free(prefix + segment.name))

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vitruvian.hanim import surface, tables
+from vitruvian.hanim.defbody import contour_surface, is_defbody
 from vitruvian.hanim.graph import Node, walk_all
 from vitruvian.hanim.humanoid import Displacer, Joint, Pose, Segment, Site, Viewpoint
 from vitruvian.hanim.members import read_members
@@ -230,7 +231,10 @@ def _segment(figure: Figure, node: Node, joint: Joint) -> tuple[Segment, list[No
         elif kind == "Segment" and n is not node:
             reading.defect("T02", f"{reading.who(n)} hangs in segment {name}: its geometry is read with it", n)
             segment.shapes += surface.shapes(reading, n.children("children"))
-    segment.children = _others(reading, children)
+    for n in walk_groups(reading, children):
+        if is_defbody(reading, n) and (contours := contour_surface(reading, n, joint)) is not None:
+            segment.contours.append(contours)
+    segment.children = _others(reading, [n for n in children if not is_defbody(reading, n)])
     coord = node.children("coord")
     if coord and coord[0].type in {"Coordinate", "CoordinateDouble"}:
         segment.coord = reading.numbers(coord[0], "point", "MFVec3f", 3)

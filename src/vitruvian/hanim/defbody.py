@@ -1,0 +1,184 @@
+"""DefBody and DefBodyTex: contour surfaces as prototype instances, read and written.
+
+Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
+coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `diversion`,
+`mitre` and `spread`. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the
+joint's centre.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField
+from vitruvian.hanim.humanoid import Array, ContourSurface, Joint, Material
+from vitruvian.hanim.reading import Reading
+
+TYPES = ("DefBody", "DefBodyTex")
+_FRAME = 1e-6  # metres between the surface's frame and its joint's
+# access, type, name, default as VRML text
+_INTERFACE = (
+    ("inputOutput", "SFString", "name", '"Def"'),
+    ("inputOutput", "SFVec3f", "translation", "0 0 0"),
+    ("inputOutput", "SFFloat", "ambientIntensity", "0.2"),
+    ("inputOutput", "SFColor", "diffuseColor", "0.8 0.8 0.8"),
+    ("inputOutput", "SFColor", "emissiveColor", "0 0 0"),
+    ("inputOutput", "SFFloat", "shininess", "0.2"),
+    ("inputOutput", "SFColor", "specularColor", "0 0 0"),
+    ("inputOutput", "SFFloat", "transparency", "0"),
+    ("inputOutput", "MFVec3f", "Points", "[ ]"),
+    ("initializeOnly", "MFInt32", "PointsIndex", "[ ]"),
+    ("inputOutput", "SFInt32", "NbContours", "0"),
+    ("inputOutput", "SFInt32", "NbPoints", "0"),
+    ("inputOutput", "SFInt32", "ExtrContour", "0"),
+    ("inputOutput", "SFInt32", "FixedUpperDef", "0"),
+    ("inputOutput", "SFInt32", "UpperDef", "0"),
+    ("inputOutput", "SFInt32", "LowerDef", "0"),
+    ("inputOutput", "SFFloat", "diversion", "0"),
+    ("inputOutput", "SFFloat", "mitre", "0"),
+    ("inputOutput", "SFBool", "spread", "FALSE"),
+    ("inputOutput", "SFBool", "closed", "TRUE"),
+)
+_TEXTURE = (
+    ("inputOutput", "MFString", "tex", "[ ]"),
+    ("inputOutput", "SFVec2f", "Textranslation", "0 0"),
+    ("inputOutput", "SFFloat", "Texrotation", "0"),
+    ("inputOutput", "SFVec2f", "Texscale", "1 1"),
+    ("inputOutput", "SFVec2f", "Texcenter", "0 0"),
+    ("inputOutput", "MFVec2f", "TexCoords", "[ ]"),
+)
+_COLORS = (("inputOutput", "MFColor", "Colors", "[ ]"),)
+CREASE = 1.74533
+
+
+def prototype(textured: bool, colored: bool) -> Proto:
+    """The declaration: DefBodyTex with a texture, DefBody without; `colored` with a colour per point."""
+    rows = (*_INTERFACE, *(_TEXTURE if textured else ()), *(_COLORS if colored else ()))
+    fields = [ProtoField(access, kind, name, Literal(default, "vrml")) for access, kind, name, default in rows]
+    look = ("ambientIntensity", "diffuseColor", "specularColor", "emissiveColor", "shininess", "transparency")
+    appearance = Node("Appearance", fields={"material": Node("Material", connects=[(n, n) for n in look])})
+    if textured:
+        appearance.fields["texture"] = Node("ImageTexture", connects=[("url", "tex")])
+        pairs = [(n, f"Tex{n}") for n in ("translation", "rotation", "scale", "center")]
+        appearance.fields["textureTransform"] = Node("TextureTransform", connects=pairs)
+    geometry = Node("IndexedFaceSet", connects=[("coordIndex", "PointsIndex")])
+    geometry.fields |= {"solid": False, "creaseAngle": CREASE}
+    geometry.fields["coord"] = Node("Coordinate", connects=[("point", "Points")])
+    if textured:
+        geometry.fields["texCoord"] = Node("TextureCoordinate", connects=[("point", "TexCoords")])
+    if colored:
+        geometry.fields["color"] = Node("Color", connects=[("color", "Colors")])
+    shape = Node("Shape", fields={"appearance": appearance, "geometry": geometry})
+    body = Node("Transform", connects=[("translation", "translation")], fields={"children": [shape]})
+    return Proto(TYPES[textured], fields, [body])
+
+
+def faces(count: int, each: int, closed: bool) -> np.ndarray:
+    """coordIndex of the grid of `count` contours of `each` points: quadrangles, the outside out."""
+    numbers = np.arange(count * each).reshape(count, each)
+    right = np.roll(numbers, -1, axis=1) if closed else numbers[:, 1:]
+    left = numbers if closed else numbers[:, :-1]
+    quads = np.stack([left[:-1], left[1:], right[1:], right[:-1], np.full(left[1:].shape, -1)], axis=-1)
+    return quads.reshape(-1).astype(np.int32)
+
+
+def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bool, colored: bool) -> Node:
+    """The instance of a surface whose joint has its centre at `center`."""
+    count, each = surface.points.shape[:2]
+    look = surface.material
+    white = (1.0, 1.0, 1.0)
+    fields: dict[str, object] = {
+        "name": surface.name,
+        "translation": np.asarray(center, np.float64),
+        "diffuseColor": np.array(white if colored else look.color[:3], np.float64),
+        "emissiveColor": np.array(look.emission, np.float64),
+        "shininess": float(np.clip((2 / max(look.roughness, 0.124) ** 2 - 2) / 128, 0, 1)),
+        "transparency": float(1 - look.opacity),
+        "Points": (surface.points - center).reshape(-1, 3),
+        "PointsIndex": faces(count, each, surface.closed),
+        "NbContours": count,
+        "NbPoints": each,
+        "ExtrContour": surface.extra,
+        "FixedUpperDef": surface.fixed_upper,
+        "UpperDef": surface.upper,
+        "LowerDef": surface.lower,
+        "diversion": float(surface.diversion),
+        "mitre": float(surface.mitre),
+        "spread": surface.spread,
+        "closed": surface.closed,
+    }
+    if textured and surface.uv is not None:
+        fields["TexCoords"] = surface.uv.reshape(-1, 2)
+    if colored:
+        own = surface.colors if surface.colors is not None else np.broadcast_to(look.color[:3], (count, each, 3))
+        fields["Colors"] = np.clip(own.reshape(-1, 3), 0, 1)
+    return Node(TYPES[textured], name, fields, instance=True)
+
+
+def is_defbody(reading: Reading, node: Node) -> bool:
+    """Whether a node is a contour surface: by its prototype's name, or by fields that only such a prototype has."""
+    proto = reading.protos.get(node.type)
+    if proto is not None:
+        return {"NbContours", "NbPoints", "Points"} <= {f.name for f in proto.interface}
+    return node.type in TYPES
+
+
+def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurface | None:
+    """A surface from its instance, points in humanoid space; None where it can't be used, which is said."""
+    points = reading.numbers(node, "Points", "MFVec3f", 3)
+    whole = {f: int(reading.indices(node, f)[0]) if len(reading.indices(node, f)) else 0
+             for f in ("NbContours", "NbPoints", "ExtrContour", "FixedUpperDef", "UpperDef", "LowerDef")}  # fmt: skip
+    count, each = whole["NbContours"], whole["NbPoints"]
+    who = reading.who(node)
+    if count < 1 or each < 1 or count * each != len(points):
+        reading.broken(f"{who}: expected NbContours x NbPoints = {count} x {each} Points, found {len(points)}", node)
+        return None
+    for field in ("ExtrContour", "FixedUpperDef", "UpperDef", "LowerDef"):
+        if not 0 <= whole[field] <= count:
+            reading.broken(f"{who} {field}: expected 0 to {count}, the number of contours, found {whole[field]}", node)
+            whole[field] = min(max(whole[field], 0), count)
+    place = reading.vector(node, "translation", (0.0, 0.0, 0.0))
+    if np.abs(place - joint.center).max() > _FRAME:
+        here, there = (" ".join(f"{v:g}" for v in p) for p in (place, joint.center))
+        reading.defect("frame", f"{who}: its translation {here} is not the centre {there} of joint {joint.name}", node)
+    texture = reading.numbers(node, "TexCoords", "MFVec2f", 2)
+    colors = reading.numbers(node, "Colors", "MFColor", 3)
+    fits = lambda a: len(a) == len(points)  # noqa: E731
+    diffuse = reading.vector(node, "diffuseColor", (0.8, 0.8, 0.8))
+    value = lambda field: float(np.clip(next(iter(reading.numbers(node, field)), 0.0), 0, 1))  # noqa: E731
+    shine = 128 * value("shininess") + 2
+    look = Material(
+        name=reading.text(node, "name"), color=(float(diffuse[0]), float(diffuse[1]), float(diffuse[2])),
+        roughness=float(np.sqrt(2 / shine)), opacity=1 - value("transparency"), double_sided=True,
+    )  # fmt: skip
+    return ContourSurface(
+        name=reading.text(node, "name") or node.name or "contours",
+        points=(points + place).reshape(count, each, 3),
+        closed=_flag(reading, node, "closed", _closed(reading, node, count, each)),
+        fixed_upper=whole["FixedUpperDef"], upper=whole["UpperDef"], lower=whole["LowerDef"],
+        extra=whole["ExtrContour"], diversion=value("diversion"), mitre=value("mitre"),
+        spread=_flag(reading, node, "spread", False),
+        uv=texture.reshape(count, each, 2) if len(texture) and fits(texture) else None,
+        colors=colors.reshape(count, each, 3) if len(colors) and fits(colors) else None,
+        material=look, node=node,
+    )  # fmt: skip
+
+
+def _flag(reading: Reading, node: Node, field: str, default: bool) -> bool:
+    raw = reading.raw(node, field)
+    if raw is None:
+        return default
+    return raw.text.strip().lower() == "true" if isinstance(raw, Literal) else bool(raw)
+
+
+def _closed(reading: Reading, node: Node, count: int, each: int) -> bool:
+    """Whether faces join the last point of a contour to its first."""
+    index = reading.indices(node, "PointsIndex")
+    if not len(index) or count < 2 or each < 3:
+        return True
+    faces_ = np.split(index, np.flatnonzero(index < 0))
+    both = {0, each - 1}
+    return any(
+        both <= set((f[f >= 0] % each).tolist()) and len(set((f[f >= 0] % each).tolist())) == 2
+        for f in faces_[: 4 * each]
+    )
