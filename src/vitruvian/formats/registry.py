@@ -28,7 +28,8 @@ READERS = {
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj")
+USD = (".usda", ".usdc", ".usd", ".usdz")
+WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj", *USD)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -125,6 +126,11 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
         from vitruvian.formats.glb import write_glb
 
         report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+    elif form in USD:
+        from vitruvian.formats.usd import write_usd
+
+        things = thing if isinstance(thing, list | tuple) else [thing]
+        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path) for t in things], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
