@@ -60,14 +60,22 @@ def scene(path: str | Path) -> Scene:
 
 
 def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
-    """All humanoids of a scene file, in source order; [] when it holds none."""
+    """All humanoids of a scene or USD file, in source order; [] when it holds none."""
+    if extension(_existing(path)) in USD:
+        return [t for t in _usd(path) if hasattr(t, "skeleton")]
     from vitruvian.hanim.view import humanoids as view
 
     return view(scene(path), path, repair=repair)
 
 
+def _usd(path: str | Path) -> list[Any]:
+    from vitruvian.formats.usd_reader import read_usd
+
+    return list(read_usd(path))
+
+
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl), `Motion` (.bvh) or `Mesh` (.obj).
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj).
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
@@ -77,10 +85,10 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     form = extension(path)
     if form in READERS:
         return _function(READERS[form])(path, **options)
-    if form not in SCENES:
-        known = ", ".join(sorted({*SCENES, *READERS}))
+    if form not in SCENES and form not in USD:
+        known = ", ".join(sorted({*SCENES, *READERS, *USD}))
         raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
-    found = humanoids(path, repair=repair)
+    found = _usd(path) if form in USD else humanoids(path, repair=repair)
     if not found:
         raise FileError(path, 0, "expected a humanoid, found none")
     if name is None:

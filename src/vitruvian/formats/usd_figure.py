@@ -372,6 +372,7 @@ def sites(stage: Stage, root: Any, clip: Clip, codes: list[float] | None) -> Non
         if k < n:
             about["joint"] = int(s.site_joints[k])
             about["root"] = k < len(h.sites) and joints is not None
+            about["viewed"] = any(hung[k] is v for v in h.viewpoints)
         prim.GetPrim().SetCustomData({"hanim": about})
         place_at = prim.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
         turn_to = prim.AddOrientOp(UsdGeom.XformOp.PrecisionFloat)
