@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vitruvian.errors import FileError, VitruvianError
+from vitruvian.errors import FileError, VitruvianError, warn
 
 if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Finding
@@ -60,18 +60,27 @@ def scene(path: str | Path) -> Scene:
 
 
 def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
-    """All humanoids of a scene or USD file, in source order; [] when it holds none."""
-    if extension(_existing(path)) in USD:
-        return [t for t in _usd(path) if hasattr(t, "skeleton")]
+    """All humanoids of a scene file, in source order; [] when it holds none."""
     from vitruvian.hanim.view import humanoids as view
 
     return view(scene(path), path, repair=repair)
 
 
-def _usd(path: str | Path) -> list[Any]:
-    from vitruvian.formats.usd_reader import read_usd
+def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[Any]:
+    """Everything that a file holds: the humanoids of a scene, those of a USD file and then its other surfaces as one
+    Mesh, or the one thing that other files are. Errors and options as for `load`."""
+    path = _existing(path)
+    form = extension(path)
+    if form in SCENES:
+        return list(humanoids(path, repair=repair))
+    if form in READERS:
+        return [_function(READERS[form])(path, **options)]
+    if form in USD:
+        from vitruvian.formats.usd_reader import read_usd
 
-    return list(read_usd(path))
+        return list(read_usd(path))
+    known = ", ".join(sorted({*SCENES, *READERS, *USD}))
+    raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
 
 
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
@@ -81,17 +90,14 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
-    path = _existing(path)
-    form = extension(path)
-    if form in READERS:
-        return _function(READERS[form])(path, **options)
-    if form not in SCENES and form not in USD:
-        known = ", ".join(sorted({*SCENES, *READERS, *USD}))
-        raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
-    found = _usd(path) if form in USD else humanoids(path, repair=repair)
+    found = contents(path, repair=repair, **options)
+    if extension(Path(path)) in READERS:
+        return found[0]
     if not found:
         raise FileError(path, 0, "expected a humanoid, found none")
     if name is None:
+        if len(found) > 1 and extension(Path(path)) in USD:
+            warn(f"{path}: also holds {', '.join(t.name or '(no name)' for t in found[1:4])}; name= picks one")
         return found[0]
     for humanoid in found:
         if humanoid.name == name:

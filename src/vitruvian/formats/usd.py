@@ -49,7 +49,7 @@ def write_usd(
     Raises `MissingExtra` without usd-core and `VitruvianError` for things that can't be written.
     """
     require_usd()
-    things = list(thing) if isinstance(thing, list | tuple) else [thing]
+    things: list[Any] = list(thing) if isinstance(thing, list | tuple) else [thing]
     if not things:
         raise VitruvianError("USD: expected something to write, found an empty list")
     if not 0 < fps < 1e5:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.pack import pack
 from vitruvian.body.rotations import from_matrix, to_axis_angle, to_matrix
 from vitruvian.body.types import Floats
 from vitruvian.errors import FileError, warn
 from vitruvian.formats.usd_shapes import SNAP, axis_angle, shapes_of, split, upright
 from vitruvian.hanim import tables
-from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site, Track
 from vitruvian.motion.names import NECK, SPINE, VERTEBRAE, match
+from vitruvian.motion.tracks import tracks_of
+from vitruvian.motion.types import Motion
 
+_COARSE = 2e-3  # of a scale: SkelAnimation holds half floats
 _TRUNK = {1: ("vl5",), 2: ("vl5", "vt10"), 3: ("vl5", "vt10", "vt6")}
 _NECK = {1: ("vc4",), 2: ("vc4", "vc2")}
 
@@ -38,9 +43,7 @@ def humanoid_of(path: object, figure: dict[str, Any], document: dict[str, Any]) 
         _site(h, rig, site, space)
     animation = figure["animation"]
     if animation is not None:
-        from vitruvian.formats.usd_motion import animate
-
-        animate(path, h, rig, animation, about)
+        _animate(path, h, rig, animation, about)
     return h
 
 
@@ -292,3 +295,56 @@ def _rigid(rig: Rig, joint: Joint, mesh: dict[str, Any], at: Floats, whole: Floa
         joint.segments.append(segment)
     segment.shapes += shapes_of(mesh, at)
     segment.displacers += [_made(rig, item, item["index"], whole) for item in mesh["shapes"]]
+
+
+def _animate(path: object, h: Humanoid, rig: Rig, animation: dict[str, Any], about: dict[str, Any]) -> None:
+    """One frame poses the figure; several become tracks with a key for each, on one timer."""
+    local = animation["local"]
+    if local is None or local.shape[1] != len(rig.place):
+        warn(f"{path}: a SkelAnimation that does not fit its Skeleton is left out")
+        return
+    weights = _weights(h, rig, animation)
+    rotation, shift, stretch = rig.turned(local[:, rig.place >= 0])
+    if np.abs(stretch - rig.stretch).max() > _COARSE * np.abs(rig.stretch).max():
+        warn(f"{path}: the animation scales joints, which a motion of H-Anim joints can't carry; scales stay at rest")
+    frames = len(rotation)
+    if frames == 1:
+        for j, joint in enumerate(rig.joints):
+            joint.rotation = axis_angle(to_matrix(rotation[0, j]))
+            joint.translation = np.where(np.abs(shift[0, j]) < SNAP, 0.0, shift[0, j])
+        return
+    skeleton = pack(h).skeleton
+    number = {id(j): k for k, j in enumerate(rig.joints)}
+    order = [number[id(j)] for j in dict.fromkeys(h.joints())]
+    rotation, shift = rotation[:, order], shift[:, order]
+    for j in range(1, len(order)):
+        if np.abs(shift[:, j] - skeleton.translation[j]).max() < SNAP:
+            shift[:, j] = skeleton.translation[j]
+    slides = bool((shift[:, 1:] != skeleton.translation[1:]).any())
+    moving = {n: w for n, w in weights.items() if np.ptp(w) > 0}
+    title = str(about.get("motion", animation["name"]))
+    motion = Motion(skeleton, animation["fps"], rotation, shift[:, 0], shift if slides else None, moving)
+    h.tracks = _tracks(motion, title, bool(about.get("loop", False)))
+
+
+def _weights(h: Humanoid, rig: Rig, animation: dict[str, Any]) -> dict[str, Floats]:
+    """Weights over time by displacer; one that does not change becomes the displacer's own."""
+    tokens, out = animation["tokens"], {}
+    for d in h.displacers():
+        if rig.tokens_of.get(d.name) in tokens:
+            out[d.name] = animation["weights"][:, tokens.index(rig.tokens_of[d.name])]
+            if np.ptp(out[d.name]) == 0:
+                d.weight = float(out[d.name][0])
+    return out
+
+
+def _tracks(motion: Motion, timer: str, loop: bool) -> list[Track]:
+    """A loop that comes back to its beginning ends with its first frame again; one that travels ends as it is."""
+    closed = replace(motion, loop=loop)
+    tracks = tracks_of(closed, timer=timer)
+    ends = [np.abs(t.values[0] - t.values[-1]).max() < 1e-6 for t in tracks if t.field == "translation"]
+    if loop and not all(ends):
+        tracks = tracks_of(motion, timer=timer)
+        for track in tracks:
+            track.loop = True
+    return tracks

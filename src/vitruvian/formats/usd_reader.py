@@ -28,44 +28,51 @@ from vitruvian.stage.clip import Mesh
 
 # where USD would look for plug-ins and files beside the ones we look at
 _ELSEWHERE = ("PXR_PLUGINPATH_NAME", "PXR_AR_DEFAULT_SEARCH_PATH", "PXR_USDMTLX_PLUGIN_SEARCH_PATHS")
+_KILLED = (9, 24)  # by the system: at the end of its memory, of its time
 
 
-def read_usd(path: str | os.PathLike[str]) -> list[Humanoid | Mesh]:
+def read_usd(path: str | os.PathLike[str], *, seconds: int = 30) -> list[Humanoid | Mesh]:
     """What a .usd, .usda, .usdc or .usdz file holds: a Humanoid for each skeleton, in metres and Y up, then one Mesh
     of everything that no skeleton moves.
 
     Joints take the names of H-Anim where their own are known (the tables of retargeting); a SkelAnimation becomes the
     humanoid's motion, BlendShapes its Displacers. What other files say is used only from the file's folder and below.
+    `seconds`: how long a processor may work on opening the file, which can ask for any amount of work.
     Raises `MissingExtra` without usd-core and `FileError` for files that can't be read or hold neither.
     """
     require_usd()
-    document = _read(Path(path))
+    document = _read(Path(path), seconds)
     for note in document["notes"][:10]:
         warn(f"{path}: {note}")
     found: list[Humanoid | Mesh] = [humanoid_of(path, f, document) for f in document["figures"]]
     if any(len(m["points"]) for m in document["meshes"]):
-        found.append(mesh_of(path, document))
+        found.append(mesh_of(document))
     if not found:
         raise FileError(path, 0, "expected a UsdSkel skeleton or a mesh, found neither")
     return found
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, seconds: int) -> dict[str, Any]:
     """The answer of `usd_stage`, arrays in their places."""
     if path.stat().st_size > usd_stage.MAX_BYTES:
         raise FileError(path, 0, f"expected a USD file of at most {usd_stage.MAX_BYTES >> 20} MB")
     environment = {k: v for k, v in os.environ.items() if k not in _ELSEWHERE}
     environment |= {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "PXR_WORK_THREAD_LIMIT": "1"}
     with tempfile.TemporaryDirectory(prefix="vitruvian-usd-") as folder:
-        command = [sys.executable, "-m", usd_stage.__name__, os.path.abspath(path), folder]
+        command = [sys.executable, "-m", usd_stage.__name__, os.path.abspath(path), folder, str(seconds)]
+        late = FileError(path, 0, f"takes more than {seconds} s to open")
         try:
-            done = subprocess.run(command, env=environment, capture_output=True, timeout=2 * usd_stage.SECONDS)
+            done = subprocess.run(command, env=environment, capture_output=True, timeout=4 * seconds)
         except subprocess.TimeoutExpired:
-            raise FileError(path, 0, f"takes more than {2 * usd_stage.SECONDS} s to open") from None
+            raise late from None
         out = Path(folder) / "out.npz"
+        if -done.returncode in _KILLED:
+            raise late
         if done.returncode or not out.is_file():
             words = done.stderr.decode("utf-8", "replace").strip().splitlines()
-            why = f"signal {-done.returncode}" if done.returncode < 0 else (words or ["no reason given"])[-1]
+            why = (
+                f"it crashed, signal {-done.returncode}" if done.returncode < 0 else (words or ["no reason given"])[-1]
+            )
             raise FileError(path, 0, f"the USD library gave up on this file ({why})")
         with np.load(out, allow_pickle=False) as arrays:
             document = _filled(json.loads(arrays["document"].tobytes()), arrays)

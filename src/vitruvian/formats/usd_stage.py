@@ -1,4 +1,4 @@
-"""What a USD file holds, as plain arrays. Runs in a process of its own, see `read_usd`: `python -m ... FILE FOLDER`.
+"""What a USD file holds, as plain arrays; runs in a process of its own (FILE FOLDER SECONDS), see `read_usd`.
 
 USD's own library opens the file, and a file that isn't ours may crash it, or make it compose for hours. So nothing but
 numbers and words leaves this process, by a file in FOLDER: arrays in `out.npz`, the rest as JSON in it. Matrices leave
@@ -21,35 +21,35 @@ MAX_BYTES = 1 << 29  # of all layers together
 MAX_LAYERS = 256
 MAX_PRIMS = 200_000
 MAX_NUMBERS = 1 << 27  # of an animation
-SECONDS, MEMORY = 60, 6 << 30
+MEMORY = 6 << 30  # bytes of addresses, most of which are never used
 
 
 class Refused(Exception):
     """One line about the file."""
 
 
-def main(path: str, folder: str) -> None:
+def main(path: str, folder: str, seconds: str) -> None:
     """Read `path` and write what it holds, or one line that says why not, to `folder`/out.npz."""
     arrays: dict[str, NDArray] = {}
     try:
-        _limit()
+        _limit(int(seconds))
         document = _portable(_read(Path(path), Path(folder)), arrays)
     except Refused as error:
-        document = {"error": str(error)}
+        document = {"error": str(error).replace(f"{Path(folder) / 'package'}{os.sep}", "")}
     except MemoryError:
         document = {"error": "asks for too much memory"}
     text = json.dumps(document, allow_nan=True).encode()
     np.savez(Path(folder) / "out.npz", document=np.frombuffer(text, np.uint8), **arrays)  # type: ignore[arg-type]
 
 
-def _limit() -> None:
-    """Bounds of memory and time, where the system has them."""
+def _limit(seconds: int) -> None:
+    """Bounds of memory and of computing time, where the system has them."""
     try:
         import resource
     except ImportError:  # not on Windows; the parent still watches the clock
         return
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 2))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
@@ -135,6 +135,8 @@ def _check_layers(path: Path, home: Path) -> list[str]:
         if layer is None:
             raise Refused(f"{file.name} is not a USD layer")
         for asset in sorted(layer.GetCompositionAssetDependencies()):
+            if not asset:  # an arc within the layer
+                continue
             if any(mark in asset for mark in ("://", "`", "[", ":SDF_FORMAT_ARGS:")):
                 raise Refused(f"{file.name} refers to {asset}: only plain files beside it are opened")
             target = Path(os.path.realpath(file.parent / asset))
@@ -205,11 +207,14 @@ class Reader:
             for p in prims
             if p.IsA(UsdGeom.Mesh) and str(p.GetPath()) not in self.done
         ]
-        top = self.stage.GetDefaultPrim()
+        top, unit = self.stage.GetDefaultPrim(), float(UsdGeom.GetStageMetersPerUnit(self.stage))
+        if not 1e-6 <= unit <= 1e6:
+            self.notes.append(f"metersPerUnit is {unit:g}; centimetres are taken, USD's default")
+            unit = 0.01
         return {
             "name": top.GetName() if top else "",
             "up": str(UsdGeom.GetStageUpAxis(self.stage)),
-            "unit": float(UsdGeom.GetStageMetersPerUnit(self.stage)),
+            "unit": unit,
             "figures": figures,
             "meshes": meshes,
             "notes": self.notes,
@@ -255,6 +260,7 @@ class Reader:
             if abs(count - 1 - (codes[-1] - codes[0]) * fps / rate) > 1e-6 or count != len(codes):
                 codes = np.linspace(codes[0], codes[-1], count).tolist()
         frames = [_matrices(query.ComputeJointLocalTransforms(c), 0) for c in codes or [self.start]]
+        found = [f for f in frames if f is not None]
         weights = [source.ComputeBlendShapeWeights(c) for c in codes or [self.start]]
         tokens = [str(t) for t in source.GetBlendShapeOrder() or ()]
         if any(len(w or ()) != len(tokens) for w in weights):
@@ -262,7 +268,7 @@ class Reader:
         return {
             "name": source.GetPrim().GetName(),
             "fps": float(fps),
-            "local": np.stack(frames) if all(f is not None for f in frames) else None,
+            "local": np.stack(found) if len(found) == len(frames) else None,
             "tokens": tokens,
             "weights": np.array(weights, dtype=np.float64).reshape(len(frames), -1) if tokens else None,
         }
@@ -473,4 +479,4 @@ def _matrices(value: Any, count: int) -> NDArray | None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main(*sys.argv[1:4])

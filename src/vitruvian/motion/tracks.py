@@ -23,8 +23,9 @@ def motion_of(
     """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
 
     The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor
-    that drives most tracks, sampled at `fps` (None: at the rate that the tracks were made with, else 30). `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions
-    are taken as places (as in BVH) instead of offsets, so the rest centre is taken off them.
+    that drives most tracks, sampled at `fps` (None: at the rate that the tracks were made with, else 30).
+    `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions are taken as places (as in BVH) instead of
+    offsets, so the rest centre is taken off them.
     Joints without animation keep the pose of the file.
     """
     data = [m for m in humanoid.motions if m.values.size and (name is None or m.name == name)]
