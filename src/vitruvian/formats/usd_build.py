@@ -39,8 +39,10 @@ def humanoid_of(path: object, figure: dict[str, Any], document: dict[str, Any]) 
         h.info[key] = value
     h.translation, h.rotation, h.scale, h.scale_orientation = _fields(placement)
     _skin(h, rig, figure["meshes"], space)
+    views: list[tuple[int, Site]] = []
     for site in figure["sites"]:
-        _site(h, rig, site, space)
+        _site(h, rig, site, space, views)
+    h.viewpoints = [site for _, site in sorted(views, key=lambda pair: pair[0])]
     animation = figure["animation"]
     if animation is not None:
         _animate(path, h, rig, animation, about)
@@ -65,12 +67,18 @@ def _space(figure: dict[str, Any], document: dict[str, Any]) -> tuple[Floats, Fl
     return there, there @ world @ np.linalg.inv(there)
 
 
-def _fields(matrix: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """translation, rotation, scale and scaleOrientation of a matrix, turns as axis and angle."""
+def _fields(matrix: Floats, frame: Floats | None = None) -> tuple[Floats, Floats, Floats, Floats]:
+    """translation, rotation, scale and scaleOrientation of a matrix, turns as axis and angle.
+
+    Of the frames (3,3) in which it may be scaled, that of humanoid space is preferred, then `frame`.
+    """
     rotation, stretch = split(matrix[:3, :3])
-    turn = np.eye(3)
-    size = np.diag(stretch).copy()
-    if np.abs(stretch - np.diag(size)).max() > SNAP * np.abs(size).max():
+    for turn in (np.eye(3), np.eye(3) if frame is None else split(frame)[0]):
+        own = turn.T @ stretch @ turn
+        size = np.diag(own).copy()
+        if np.abs(own - np.diag(size)).max() <= SNAP * np.abs(size).max():
+            break
+    else:
         size, turn = np.linalg.eigh(stretch)
         turn = turn * (1 if np.linalg.det(turn) > 0 else -1)
     size = np.where(np.abs(size - 1) < SNAP, 1.0, size)
@@ -124,7 +132,9 @@ class Rig:
         for n, k in enumerate(kept):
             rotation, shift, stretch = (f[0, n] for f in fields)
             joint = Joint(names[n], center=np.where(np.abs(centers[n]) < 1e-12, 0.0, centers[n]))
-            _, joint.rotation, joint.scale, joint.scale_orientation = _fields(_linear(to_matrix(rotation) @ stretch))
+            _, joint.rotation, joint.scale, joint.scale_orientation = _fields(
+                _linear(to_matrix(rotation) @ stretch), (space @ self.bind[n])[:3, :3]
+            )
             joint.translation = np.where(np.abs(shift) < SNAP, 0.0, shift)
             _tell(joint, about["joints"].get(leaves[k], {}) if "joints" in about else None)
             self.joints.append(joint)
@@ -205,19 +215,18 @@ def _array(given: Any, width: int) -> Floats:
     return values if values.shape == (width,) and np.isfinite(values).all() else np.zeros(width)
 
 
-def _site(h: Humanoid, rig: Rig, item: dict[str, Any], space: Floats) -> None:
+def _site(h: Humanoid, rig: Rig, item: dict[str, Any], space: Floats, views: list[tuple[int, Site]]) -> None:
+    """A Site goes to its joint or to the skeleton field; a viewpoint to `views` too, with its place in the list."""
     about, place = item["about"], space @ item["matrix"]
     site = Site(str(about.get("name", "")), center=place[:3, 3], rotation=axis_angle(split(place[:3, :3])[0]))
-    j = int(about.get("joint", -1))
-    if about.get("viewpoint"):
-        h.viewpoints.append(site)
-    elif about.get("root") or not 0 <= j < len(rig.joints):
+    j, view = int(about.get("joint", -1)), int(about.get("viewpoint", -1))
+    if view >= 0:
+        views.append((view, site))
+    if about.get("root"):
         h.sites.append(site)
-    else:
+    elif 0 <= j < len(rig.joints):
         joint = rig.joints[j]
         (joint.segments[0].sites if joint.segments else joint.sites).append(site)
-    if about.get("viewed"):
-        h.viewpoints.append(site)
 
 
 def _skin(h: Humanoid, rig: Rig, meshes: list[dict[str, Any]], space: Floats) -> None:

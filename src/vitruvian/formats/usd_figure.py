@@ -365,14 +365,12 @@ def sites(stage: Stage, root: Any, clip: Clip, codes: list[float] | None) -> Non
     turned = continuous(multiply(from_matrix(linear / np.where(length > 0, length, 1)), turn[:n]))
     names = [*s.site_names, *(v.name for v in loose)]
     taken: set[str] = set()
-    joints = _tree(clip)
+    every, views = [*hung, *loose], {id(v): i for i, v in enumerate(h.viewpoints)}
     for k, name in enumerate(names):
         prim = UsdGeom.Xform.Define(stage.usd, scope.AppendChild(identifier(name, taken)))
-        about: dict[str, Any] = {"node": "Site", "name": name, "viewpoint": k >= n}
+        about: dict[str, Any] = {"node": "Site", "name": name, "viewpoint": views.get(id(every[k]), -1)}
         if k < n:
-            about["joint"] = int(s.site_joints[k])
-            about["root"] = k < len(h.sites) and joints is not None
-            about["viewed"] = any(hung[k] is v for v in h.viewpoints)
+            about |= {"joint": int(s.site_joints[k]), "root": k < len(h.sites) and every[k] is not None}
         prim.GetPrim().SetCustomData({"hanim": about})
         place_at = prim.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
         turn_to = prim.AddOrientOp(UsdGeom.XformOp.PrecisionFloat)

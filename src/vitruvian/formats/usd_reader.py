@@ -44,7 +44,11 @@ def read_usd(path: str | os.PathLike[str], *, seconds: int = 30) -> list[Humanoi
     document = _read(Path(path), seconds)
     for note in document["notes"][:10]:
         warn(f"{path}: {note}")
-    found: list[Humanoid | Mesh] = [humanoid_of(path, f, document) for f in document["figures"]]
+    try:
+        found: list[Humanoid | Mesh] = [humanoid_of(path, f, document) for f in document["figures"]]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # words where numbers are meant, and the like
+        what = f"expected the H-Anim facts in customData to be as vitruvian writes them, found others ({error})"
+        raise FileError(path, 0, what) from error
     if any(len(m["points"]) for m in document["meshes"]):
         found.append(mesh_of(document))
     if not found:

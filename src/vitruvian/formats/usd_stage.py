@@ -76,10 +76,9 @@ def _read(path: Path, folder: Path) -> dict[str, Any]:
     notes = _check_layers(path, home)
     os.chdir(path.parent)  # where USD looks for what it can't find beside a layer
     try:
-        stage = Usd.Stage.Open(str(path))
+        return Reader(Usd.Stage.Open(str(path)), notes).document()
     except Tf.ErrorException as error:
         raise Refused(_line(error)) from None
-    return Reader(stage, notes).document()
 
 
 def _line(error: Exception) -> str:
