@@ -20,7 +20,7 @@ from scene_figure import typed  # noqa: E402
 from usd_stranger import findings, skinned  # noqa: E402
 from vitruvian.body.kinematics import move  # noqa: E402
 from vitruvian.errors import FileError, VitruvianError  # noqa: E402
-from vitruvian.formats import usd_stage  # noqa: E402
+from vitruvian.formats import usd_reader, usd_stage  # noqa: E402
 from vitruvian.formats.registry import _clip  # noqa: E402
 from vitruvian.formats.usd_figure import _shared  # noqa: E402
 from vitruvian.formats.usd_mesh import surfaces  # noqa: E402
@@ -50,6 +50,13 @@ def walk_file(walking: vt.Clip, tmp_path_factory: pytest.TempPathFactory) -> Pat
     assert report["lost"] == [] and report["joints"] == 146 and report["bytes"] == path.stat().st_size
     assert report["influences"] == walking.body.skin.weights.counts.max()
     return path
+
+
+@pytest.fixture
+def inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading without a process of its own, which costs a second of start-up each time."""
+    monkeypatch.chdir(tmp_path)  # reading changes it
+    monkeypatch.setattr(usd_reader, "_read", lambda path, seconds: usd_stage._read(path, tmp_path))
 
 
 def ours(clip: vt.Clip, frame: int) -> np.ndarray:
@@ -183,7 +190,7 @@ def test_everything_a_figure_has_survives(skin: bool, tmp_path: Path) -> None:
     "JinNoAnimations_Fixed.x3d", "JinLOA3.x3d", "JoeKick.x3d", "KoreanCharacterMotionAnnexD01Jin.x3d",
     "HAnim2SpecificationLOA3Illustrated.x3d", "sample1.wrl",
 ])  # fmt: skip
-def test_real_figures(name: str, shared: Path, tmp_path: Path) -> None:
+def test_real_figures(name: str, shared: Path, tmp_path: Path, inside: None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vt.VitruvianWarning)
         h = vt.load(shared / "data" / "hanim" / name)
@@ -250,7 +257,7 @@ def test_sites_follow_their_joints(walking: vt.Clip, walk_file: Path) -> None:
             assert np.abs(np.array(at) - there[frame, k]).max() < 1e-9
 
 
-def test_meshes_alone_in_a_row_and_side_by_side(tmp_path: Path) -> None:
+def test_meshes_alone_in_a_row_and_side_by_side(tmp_path: Path, inside: None) -> None:
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]])
     seams = np.array([[0, 1, 2], [4, 2, 3]])
     square = vt.Mesh(
@@ -399,7 +406,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_refused(case: str, tmp_path: Path) -> None:
+def test_what_is_refused(case: str, tmp_path: Path, inside: None) -> None:
     """Nothing is opened from outside of the folder, whatever way a layer asks for it; broken arrays name their prim."""
     home = tmp_path / "home"
     home.mkdir()
@@ -410,7 +417,7 @@ def test_what_is_refused(case: str, tmp_path: Path) -> None:
         usd_stage._read(home / "bad.usda", tmp_path)
 
 
-def test_files_beside_it_are_opened(tmp_path: Path) -> None:
+def test_files_beside_it_are_opened(tmp_path: Path, inside: None, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "part.usda").write_text("#usda 1.0\n" + TRIANGLE)
     (tmp_path / "whole.usda").write_text('#usda 1.0\ndef "a" (references = @./part.usda@</m>) {}\n')
     assert len(vt.load(tmp_path / "whole.usda").vertices) == 3
@@ -418,9 +425,10 @@ def test_files_beside_it_are_opened(tmp_path: Path) -> None:
         package.writestr("../../evil.usda", "#usda 1.0\n" + TRIANGLE)
     with pytest.raises(usd_stage.Refused, match="outside of itself"):
         usd_stage._read(tmp_path / "slip.usdz", tmp_path)
+    monkeypatch.setattr(usd_stage, "MAX_BYTES", 1 << 20)
     with zipfile.ZipFile(tmp_path / "big.usdz", "w", zipfile.ZIP_DEFLATED) as package:
         package.writestr("a.usda", bytes(usd_stage.MAX_BYTES + 1))
-    with pytest.raises(usd_stage.Refused, match="at most 512 MB"):
+    with pytest.raises(usd_stage.Refused, match="at most 1 MB"):
         usd_stage._read(tmp_path / "big.usdz", tmp_path)
 
 
@@ -430,7 +438,7 @@ def test_files_beside_it_are_opened(tmp_path: Path) -> None:
     ("int joint = ", "int joint = 9999"),
     ('string joint = "skullbase"', "int joint = 7"),
 ])  # fmt: skip
-def test_facts_that_are_not_ours(old: str, new: str, tmp_path: Path) -> None:
+def test_facts_that_are_not_ours(old: str, new: str, tmp_path: Path, inside: None) -> None:
     """customData that others have changed is read or refused in one line."""
     vt.save(typed(1), tmp_path / "a.usda")
     text = (tmp_path / "a.usda").read_text()
@@ -475,8 +483,7 @@ def test_the_command_line_knows_usd(tmp_path: Path) -> None:
     assert told.returncode == 0 and "Ada: H-Anim 2.0, LOA 1, 18 joints" in told.stdout
     baked = run("convert", tmp_path / "ada.usdc", tmp_path / "ada.usda", "--bake")
     assert baked.returncode == 0 and "lost: the skeleton" in baked.stdout
-    told = run("info", tmp_path / "ada.usda", "--json")
-    assert '"mesh"' in told.stdout and '"humanoids"' not in told.stdout
+    assert isinstance(vt.load(tmp_path / "ada.usda"), vt.Mesh)
     refused = run("convert", tmp_path / "ada.usdc", tmp_path / "ada.glb", "--bake")
     assert refused.returncode == 2 and refused.stderr.startswith("error: --bake: expected a USD file")
     assert not (tmp_path / "ada.glb").exists()
