@@ -200,7 +200,7 @@ def _pose_of(text: str) -> dict[str, list[float]]:
 
 @app.command(epilog="Example: vitruvian pose body.x3d --joints '{\"l_knee\": [1, 0, 0, 0.8]}' -o kneeling.glb")
 def pose(
-    file: Path = typer.Argument(..., help="H-Anim file."),
+    file: Path = typer.Argument(..., help="H-Anim or USD file."),
     joints: str = typer.Option(..., "--joints", help="JSON {joint: [x, y, z, angle]}, or a file that holds it."),
     matrices: Path | None = typer.Option(None, "--matrices", help="Write the joint matrices here (JSON, row-major)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the posed humanoid here."),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,8 @@ def write_usd(
     if not 0 < fps < 1e5:
         raise VitruvianError(f"fps: expected frames per second above zero, found {fps}")
     report: dict[str, Any] = {"vertices": 0, "triangles": 0, "joints": 0, "lost": [], "max_vertex_error_m": 0.0}
+    empty = [isinstance(t, Clip) and t.motion is not None and not len(t.motion) for t in things]
+    things = [replace(t, motion=None) if e else t for t, e in zip(things, empty)]
     meshes = [t for t in things if isinstance(t, Mesh)]
     sequence = bake and len(meshes) == len(things)
     rates = [t.motion.fps for t in things if isinstance(t, Clip) and t.motion is not None]

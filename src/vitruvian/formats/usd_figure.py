@@ -54,6 +54,10 @@ def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
                 UsdSkel.BindingAPI.Apply(prim).CreateSkinningMethodAttr(UsdSkel.Tokens.dualQuaternion)
             _bind(prim, skeleton, rig, surface, full, report)
             _blend_shapes(stage, prim, surface, rig, motion, channels)
+            if len({p.double_sided for p in surface.parts}) > 1:
+                report["lost"].append(
+                    f"{surface.name}: its one-sided parts show both sides, a USD mesh has one setting"
+                )
         joints, weights = padded(full)
         found = measure(body, motion, joints, weights, clip.deformer)
         worst = max(report["max_vertex_error_m"], found["max_vertex_error_m"])
@@ -61,6 +65,9 @@ def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
         report["overweight_vertices"] = int((body.skin.weights.sums > 1 + _ROUNDING).sum())
         _extent(root, clip, codes)
     animation = rig.animate(stage, root, motion, channels, codes)
+    rounded = np.abs(body.skeleton.scale.astype(np.float16) - body.skeleton.scale).max(axis=1) > 0
+    if motion is not None and rounded.any():
+        report["lost"].append(f"{int(rounded.sum())} joint scales are rounded to the half floats of SkelAnimation")
     if animation is not None:
         UsdSkel.BindingAPI(skeleton.GetPrim()).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
     sites(stage, root, clip, codes)
