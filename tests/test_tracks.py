@@ -142,6 +142,7 @@ def test_the_real_sample(shared):
 def test_a_joint_that_the_file_poses_can_come_back_to_rest() -> None:
     """Tracks are left out only where the clip keeps the file's own pose; they keep the rate they were made with."""
     from scene_figure import typed
+    from vitruvian.body.pack import pack
 
     h = typed(1)
     h.joint("l_knee").rotation = np.array([1.0, 0, 0, 0.5])
