@@ -2,7 +2,8 @@
 
 BVH: the playground clip of CMU (2.07 MB, 31 joints, 2,752 frames) of the folder ../shared against pybvh 0.9, which
 reads the same numbers but leaves angles as they are, while ours are quaternions. Without the folder a clip of that size
-is written first. `python benchmarks/files.py` prints the rows.
+is written first. USD: a person who walks two cycles (60 frames), beside GLB, which says the same with four influences.
+`python benchmarks/files.py` prints the rows.
 """
 
 from __future__ import annotations
@@ -41,8 +42,30 @@ def rows(quick: bool = False) -> list[dict]:
             "ratio": None if peer is None else peer / ours,
             "goal": ">= 1",
             "holds": peer is not None and peer >= ours,
-        }
+        },
+        *_usd(quick),
     ]
+
+
+def _usd(quick: bool) -> list[dict]:
+    try:
+        import pxr  # noqa: F401
+    except ImportError:
+        return []
+    import vitruvian as vt
+    from vitruvian.motion.clips import repeat
+
+    h = vt.person()
+    b = vt.pack(h)
+    clip = vt.Clip(h, b, repeat(vt.walk(b.skeleton), 2), "linear")
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / "walk.usdc", Path(folder) / "walk.glb"]
+        ours, peer = medians([lambda p=p: vt.save(clip, p) for p in paths], 3 if quick else 9)
+        size = paths[0].stat().st_size / 1e6
+    ratio = peer / ours
+    name = f"write USD, {len(b.skin.rest):,} vertices, {len(clip.motion)} frames, {size:.1f} MB"
+    row = {"name": name, "ours_s": ours, "peer": "GLB", "peer_s": peer, "ratio": ratio}
+    return [{**row, "goal": ">= 0.4", "holds": ratio >= 0.4}]
 
 
 def medians(runs: list[Callable[[], object]], times: int) -> list[float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Repair, count, emit, say
+from vitruvian.cli.output import Bake, Json, Repair, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _self_facts() -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
-    file: Path | None = typer.Argument(None, help="X3D, VRML, BVH or OBJ file."),
+    file: Path | None = typer.Argument(None, help="X3D, VRML, BVH, OBJ, PLY, STL or USD file."),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -75,16 +75,18 @@ def info(
 
     form = registry.extension(file)
     document: dict[str, Any] = {"format": form.lstrip(".")}
-    if form in registry.SCENES:
-        document["humanoids"] = [_humanoid_facts(h) for h in registry.humanoids(file, repair=repair)]
-        lines = [
-            f"{h['name'] or '(no name)'}: H-Anim {h['version']}, LOA {h['loa']}, {count(h['joints'], 'joint')}, "
-            f"{count(h['segments'], 'segment')}, {count(h['sites'], 'site')}, {count(h['displacers'], 'displacer')}, "
-            f"{count(h['motions'], 'motion')}, {h['vertices']:,} vertices, {count(h['triangles'], 'triangle')}"
-            for h in document["humanoids"]
-        ] or ["no humanoid in this file"]
-    else:
-        thing = registry.load(file)
+    lines = []
+    found = registry.contents(file, repair=repair)
+    figures = [_humanoid_facts(h) for h in found if hasattr(h, "skin_coord")]
+    if figures or form in registry.SCENES:
+        document["humanoids"] = figures
+    lines += [
+        f"{h['name'] or '(no name)'}: H-Anim {h['version']}, LOA {h['loa']}, {count(h['joints'], 'joint')}, "
+        f"{count(h['segments'], 'segment')}, {count(h['sites'], 'site')}, {count(h['displacers'], 'displacer')}, "
+        f"{count(h['motions'], 'motion')}, {h['vertices']:,} vertices, {count(h['triangles'], 'triangle')}"
+        for h in figures
+    ]
+    for thing in found:
         if hasattr(thing, "fps"):
             facts = {
                 "joints": len(thing.skeleton),
@@ -93,11 +95,12 @@ def info(
                 "seconds": thing.seconds,
             }
             document["motion"] = facts
-            lines = [f"motion: {facts['joints']} joints, {facts['frames']:,} frames at {facts['fps']:g} per second"]
-        else:
+            lines.append(f"motion: {facts['joints']} joints, {facts['frames']:,} frames at {facts['fps']:g} per second")
+        elif hasattr(thing, "unit"):
             facts = {"vertices": len(thing.vertices), "triangles": len(thing.triangles), "unit": thing.unit}
             document["mesh"] = facts
-            lines = [f"mesh: {facts['vertices']:,} vertices, {count(facts['triangles'], 'triangle')}"]
+            lines.append(f"mesh: {facts['vertices']:,} vertices, {count(facts['triangles'], 'triangle')}")
+    lines = lines or ["no humanoid in this file"]
     emit(document, "\n".join(lines), as_json)
 
 
@@ -144,10 +147,15 @@ def convert(
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
     loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several."),
+    bake: bool = Bake,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Convert any readable file to any writable format, and say what was lost."""
+    """Convert any readable file to any writable format, and say what was lost.
+
+    Reads .x3d .x3dv .wrl .wrz .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d .x3dv .wrl .glb .usd .usda .usdc
+    .usdz .bvh .obj. USD needs the extra: pip install 'vitruvian[usd]'.
+    """
     from vitruvian.formats import registry
 
     if hanim not in (None, "1.1", "200x", "2.0"):
@@ -162,7 +170,7 @@ def convert(
             raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
         version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
         thing, lost = converted(thing, version, loa=loa)
-    report = registry.save(thing, target, hanim=hanim)
+    report = registry.save(thing, target, hanim=hanim, **baking(target, bake))
     report["lost"] = lost + report["lost"]
     text = f"wrote {target}"
     if report["pruned_weights"]:
@@ -192,7 +200,7 @@ def _pose_of(text: str) -> dict[str, list[float]]:
 
 @app.command(epilog="Example: vitruvian pose body.x3d --joints '{\"l_knee\": [1, 0, 0, 0.8]}' -o kneeling.glb")
 def pose(
-    file: Path = typer.Argument(..., help="H-Anim file."),
+    file: Path = typer.Argument(..., help="H-Anim or USD file."),
     joints: str = typer.Option(..., "--joints", help="JSON {joint: [x, y, z, angle]}, or a file that holds it."),
     matrices: Path | None = typer.Option(None, "--matrices", help="Write the joint matrices here (JSON, row-major)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the posed humanoid here."),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Out, count, emit, progress
+from vitruvian.cli.output import Bake, Json, Out, baking, count, emit, progress
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -122,9 +122,10 @@ def movement(source: str, body: Body) -> Motion:
     return retarget(found, soled(body))
 
 
-def write(clip: Clip, out: Path) -> dict[str, Any]:
-    """Write a clip to a file of any kind we have: scenes, GLB, BVH, OBJ, a page, a picture or a film."""
+def write(clip: Clip, out: Path, *, bake: bool = False) -> dict[str, Any]:
+    """Write a clip to a file of any kind we have: scenes, GLB, USD, BVH, OBJ, a page, a picture or a film."""
     kind = out.suffix.lower()
+    options = baking(out, bake)
     if kind == ".html":
         from vitruvian.show.recording import record
 
@@ -141,22 +142,23 @@ def write(clip: Clip, out: Path) -> dict[str, Any]:
     else:
         from vitruvian.formats.registry import save
 
-        return save(clip, out)
+        return save(clip, out, **options)
     return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
 
 
 @app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
 def animate(
-    body: str = typer.Argument(..., help="H-Anim file, or the word person."),
-    motion: str = typer.Argument(..., help="BVH or H-Anim file, or the words walk or idle."),
+    body: str = typer.Argument(..., help="H-Anim or USD file, or the word person."),
+    motion: str = typer.Argument(..., help="BVH, H-Anim or USD file, or the words walk or idle."),
     out: Path = Out,
     deformer: str = typer.Option("log", help="How the skin follows: linear, dual-quaternion, log, hybrid, ..."),
     repair: bool = typer.Option(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
     ),
+    bake: bool = Bake,
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body and write what comes out (.glb .x3d .wrl .html .mp4 .png .bvh .obj)."""
+    """Put a motion on a body and write what comes out (.glb .usdz .usdc .usda .x3d .wrl .html .mp4 .png .bvh .obj)."""
     from vitruvian.body.pack import pack
     from vitruvian.deform.deformer import deformer as bind
     from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm
@@ -167,7 +169,7 @@ def animate(
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
     clip = Clip(humanoid, packed, movement(motion, packed), deformer)
-    report = write(clip, out)
+    report = write(clip, out, bake=bake)
     moved = clip.motion
     assert moved is not None
     document = {

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vitruvian.errors import FileError, VitruvianError
+from vitruvian.errors import FileError, VitruvianError, warn
 
 if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Finding
@@ -28,7 +28,8 @@ READERS = {
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj")
+USD = (".usda", ".usdc", ".usd", ".usdz")
+WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj", *USD)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -65,24 +66,38 @@ def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
     return view(scene(path), path, repair=repair)
 
 
+def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[Any]:
+    """Everything that a file holds: the humanoids of a scene, those of a USD file and then its other surfaces as one
+    Mesh, or the one thing that other files are. Errors and options as for `load`."""
+    path = _existing(path)
+    form = extension(path)
+    if form in SCENES:
+        return list(humanoids(path, repair=repair))
+    if form in READERS:
+        return [_function(READERS[form])(path, **options)]
+    if form in USD:
+        from vitruvian.formats.usd_reader import read_usd
+
+        return list(read_usd(path))
+    known = ", ".join(sorted({*SCENES, *READERS, *USD}))
+    raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
+
+
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl), `Motion` (.bvh) or `Mesh` (.obj).
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj).
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
-    path = _existing(path)
-    form = extension(path)
-    if form in READERS:
-        return _function(READERS[form])(path, **options)
-    if form not in SCENES:
-        known = ", ".join(sorted({*SCENES, *READERS}))
-        raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
-    found = humanoids(path, repair=repair)
+    found = contents(path, repair=repair, **options)
+    if extension(Path(path)) in READERS:
+        return found[0]
     if not found:
         raise FileError(path, 0, "expected a humanoid, found none")
     if name is None:
+        if len(found) > 1 and extension(Path(path)) in USD:
+            warn(f"{path}: also holds {', '.join(t.name or '(no name)' for t in found[1:4])}; name= picks one")
         return found[0]
     for humanoid in found:
         if humanoid.name == name:
@@ -125,6 +140,11 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
         from vitruvian.formats.glb import write_glb
 
         report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+    elif form in USD:
+        from vitruvian.formats.usd import write_usd
+
+        things = thing if isinstance(thing, list | tuple) else [thing]
+        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path) for t in things], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 

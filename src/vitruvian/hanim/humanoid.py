@@ -167,6 +167,7 @@ class Track:
     interval: float = 1.0
     loop: bool = True
     timer: str = ""  # DEF of the TimeSensor: tracks of one clip share it
+    rate: float = 0.0  # keys per second when each is a frame of a clip, 0 when nobody said so
 
 
 @dataclass(slots=True, eq=False)

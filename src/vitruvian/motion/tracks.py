@@ -18,13 +18,14 @@ from vitruvian.motion.types import Motion
 
 
 def motion_of(
-    humanoid: Humanoid, skeleton: Skeleton, *, fps: float = 30, name: str | None = None, rebase: bool = False
+    humanoid: Humanoid, skeleton: Skeleton, *, fps: float | None = None, name: str | None = None, rebase: bool = False
 ) -> Motion | None:
     """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
 
     The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor
-    that drives most tracks, sampled at `fps`. `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions
-    are taken as places (as in BVH) instead of offsets, so the rest centre is taken off them.
+    that drives most tracks, sampled at `fps` (None: at the rate that the tracks were made with, else 30).
+    `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions are taken as places (as in BVH) instead of
+    offsets, so the rest centre is taken off them.
     Joints without animation keep the pose of the file.
     """
     data = [m for m in humanoid.motions if m.values.size and (name is None or m.name == name)]
@@ -36,7 +37,8 @@ def motion_of(
         return None
     timers = [t.timer for t in tracks]
     timer = max(dict.fromkeys(timers), key=timers.count)
-    return _from_tracks([t for t in tracks if t.timer == timer], skeleton, fps)
+    chosen_tracks = [t for t in tracks if t.timer == timer]
+    return _from_tracks(chosen_tracks, skeleton, fps or max(t.rate for t in chosen_tracks) or 30.0)
 
 
 def _joint(skeleton: Skeleton, name: str) -> int | None:
@@ -204,6 +206,11 @@ def _moves(values: Floats, rest: Floats) -> bool:
     return bool(np.abs(values - rest).max(initial=0.0) > 1e-7)
 
 
+def _turns(rotation: Floats, rest: Floats) -> bool:
+    """Whether quaternions (n,4), continuous in time, leave the file's own pose (4,)."""
+    return len(rotation) > 0 and _moves(rotation, -rest if rotation[0] @ rest < 0 else rest)
+
+
 def axis_angles(rotation: Floats) -> Floats:
     """`x y z angle` (n,4) of quaternions (n,4) along time, without jumps of axis or angle.
 
@@ -233,12 +240,13 @@ def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
     count = len(rotation)
     keys = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
     interval = max(count - 1, 1) / motion.fps
-    make = lambda target, field, values: Track(target, field, keys, values, interval, motion.loop, timer)  # noqa: E731
+    rest = (interval, motion.loop, timer, motion.fps)
+    make = lambda target, field, values: Track(target, field, keys, values, *rest)  # noqa: E731
     tracks = []
     for j, name in enumerate(motion.skeleton.names):
-        if j == 0 and _moves(shift[:, 0], np.zeros(3)) or j > 0 and _moves(shift[:, j], motion.skeleton.translation[j]):
+        if _moves(shift[:, j], motion.skeleton.translation[j]):
             tracks.append(make(name, "translation", shift[:, j]))
-        if _moves(np.abs(rotation[:, j, 3]), np.ones(1)) or _moves(rotation[:, j, :3], np.zeros(3)):
+        if _turns(rotation[:, j], motion.skeleton.rotation[j]):
             tracks.append(make(name, "rotation", axis_angles(rotation[:, j])))
     return tracks + [make(name, "weight", w[:, None]) for name, w in weights.items()]
 
@@ -255,7 +263,7 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
     place = ("Xposition", "Yposition", "Zposition")
     for j, name in enumerate(motion.skeleton.names):
         slides = j == 0 or _moves(shift[:, j], motion.skeleton.translation[j])
-        turns = j == 0 or _moves(rotation[:, j, :3], np.zeros(3))
+        turns = j == 0 or _turns(rotation[:, j], motion.skeleton.rotation[j])
         if not slides and not turns:
             continue
         joints.append(name)
