@@ -59,7 +59,7 @@ def _self_facts() -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
-    file: Path | None = typer.Argument(None, help="X3D, VRML, BVH, OBJ, PLY, STL or USD file."),
+    file: Path | None = typer.Argument(None, help="X3D, VRML, glTF, VRM, USD, BVH, OBJ, PLY or STL file."),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -106,7 +106,7 @@ def info(
 
 @app.command(epilog="Example: vitruvian check body.x3d")
 def check(
-    files: list[Path] = typer.Argument(..., help="X3D or VRML files."),
+    files: list[Path] = typer.Argument(..., help="X3D, VRML or glTF files."),
     out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
     as_json: bool = Json,
 ) -> None:
@@ -147,20 +147,23 @@ def convert(
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
     loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several."),
+    names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
     bake: bool = Bake,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
     """Convert any readable file to any writable format, and say what was lost.
 
-    Reads .x3d .x3dv .wrl .wrz .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d .x3dv .wrl .glb .usd .usda .usdc
-    .usdz .bvh .obj. USD needs the extra: pip install 'vitruvian[usd]'.
+    Reads .x3d .x3dv .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d .x3dv .wrl
+    .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra: pip install 'vitruvian[usd]'.
     """
     from vitruvian.formats import registry
 
     if hanim not in (None, "1.1", "200x", "2.0"):
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
-    thing = registry.load(source, name=name, repair=repair)
+    if names is not None and registry.extension(source) not in registry.FIGURES:
+        raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
+    thing = registry.load(source, name=name, repair=repair, **({} if names is None else {"names": names}))
     lost: list[str] = []
     if loa is not None:
         from vitruvian.hanim.convert import VERSIONS, converted
@@ -215,8 +218,11 @@ def pose(
     from vitruvian.body.pack import pack
     from vitruvian.formats import registry
     from vitruvian.formats.atomic import atomic
+    from vitruvian.hanim.humanoid import Humanoid
 
     humanoid = registry.load(file, name=name, repair=repair)
+    if not isinstance(humanoid, Humanoid):
+        raise VitruvianError(f"{file}: expected an H-Anim body to pose, found a {type(humanoid).__name__.lower()}")
     known = {j.name: j for j in humanoid.joints()}
     for joint, value in _pose_of(joints).items():
         if joint not in known:

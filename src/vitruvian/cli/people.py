@@ -148,8 +148,8 @@ def write(clip: Clip, out: Path, *, bake: bool = False) -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
 def animate(
-    body: str = typer.Argument(..., help="H-Anim or USD file, or the word person."),
-    motion: str = typer.Argument(..., help="BVH, H-Anim or USD file, or the words walk or idle."),
+    body: str = typer.Argument(..., help="H-Anim, glTF, VRM or USD file, or the word person."),
+    motion: str = typer.Argument(..., help="BVH, VRMA, glTF, H-Anim or USD file, or the words walk or idle."),
     out: Path = Out,
     deformer: str = typer.Option("log", help="How the skin follows: linear, dual-quaternion, log, hybrid, ..."),
     repair: bool = typer.Option(

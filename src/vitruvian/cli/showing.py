@@ -37,7 +37,7 @@ def _shown(file: str) -> Any:
 
 @app.command(epilog="Example: vitruvian view walking.x3d")
 def view(
-    files: list[str] = typer.Argument(..., help="H-Anim, USD, BVH or OBJ files."),
+    files: list[str] = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ files."),
     no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
     as_json: bool = Json,
 ) -> None:
@@ -62,7 +62,7 @@ def view(
 
 @app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")
 def render(
-    file: str = typer.Argument(..., help="H-Anim, USD, BVH or OBJ file."),
+    file: str = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ file."),
     out: Path = Out,
     view: str = typer.Option("three-quarter", help="front, side, back, three-quarter, face, hands, or a _view Site."),
     time: float = typer.Option(0.0, help="Seconds into the motion."),

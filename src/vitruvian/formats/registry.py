@@ -28,8 +28,10 @@ READERS = {
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
+# files that hold humanoids, a motion or a mesh: only reading them tells which
+FIGURES = dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), ("gltf_reader", "read_all"))
 USD = (".usda", ".usdc", ".usd", ".usdz")
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj", *USD)
+WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".vrm", ".vrma", ".bvh", ".obj", *USD)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -60,43 +62,50 @@ def scene(path: str | Path) -> Scene:
 
 
 def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
-    """All humanoids of a scene file, in source order; [] when it holds none."""
+    """All humanoids of a scene, glTF or USD file, in source order; [] when it holds none."""
+    if extension(_existing(path)) in (*FIGURES, *USD):
+        return [thing for thing in contents(path) if hasattr(thing, "skin_coord")]
     from vitruvian.hanim.view import humanoids as view
 
     return view(scene(path), path, repair=repair)
 
 
 def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[Any]:
-    """Everything that a file holds: the humanoids of a scene, those of a USD file and then its other surfaces as one
-    Mesh, or the one thing that other files are. Errors and options as for `load`."""
+    """Everything that a file holds: its humanoids, those of a USD file and then its other surfaces as one Mesh, or the one
+    thing that other files are. Errors and options as for `load`."""
     path = _existing(path)
     form = extension(path)
     if form in SCENES:
         return list(humanoids(path, repair=repair))
     if form in READERS:
         return [_function(READERS[form])(path, **options)]
+    if form in FIGURES:
+        found = _function(FIGURES[form])(path, **options)
+        return found if isinstance(found, list) else [found]
     if form in USD:
         from vitruvian.formats.usd_reader import read_usd
 
         return list(read_usd(path))
-    known = ", ".join(sorted({*SCENES, *READERS, *USD}))
+    known = ", ".join(sorted({*SCENES, *FIGURES, *READERS, *USD}))
     raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
 
 
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj).
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj .ply .stl);
+    glTF (.glb .gltf .vrm .vrma) may hold any of them.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
-    array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
+    array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`; glTF: `names`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
     found = contents(path, repair=repair, **options)
-    if extension(Path(path)) in READERS:
+    form = extension(Path(path))
+    if form in READERS or (form in FIGURES and found and not hasattr(found[0], "skin_coord")):
         return found[0]
     if not found:
         raise FileError(path, 0, "expected a humanoid, found none")
     if name is None:
-        if len(found) > 1 and extension(Path(path)) in USD:
+        if len(found) > 1 and form not in SCENES:
             warn(f"{path}: also holds {', '.join(t.name or '(no name)' for t in found[1:4])}; name= picks one")
         return found[0]
     for humanoid in found:
@@ -109,6 +118,8 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
 
 def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: Any) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
+
+    A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
 
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
@@ -134,12 +145,25 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
         write_bvh(motion, path)
         if not isinstance(thing, Motion):
             report["lost"].append("everything but the skeleton and its motion")
+    elif form == ".vrma":
+        from vitruvian.formats.vrma import write_vrma
+
+        motion = thing if isinstance(thing, Motion) else _clip(thing, path).motion
+        if motion is None:
+            raise VitruvianError(f"{path}: expected a motion to write, found none")
+        report |= write_vrma(motion, path)
     elif isinstance(thing, Motion):
-        raise VitruvianError(f"{path}: a motion alone can be written as .bvh; apply it to a body for {form}")
+        raise VitruvianError(f"{path}: a motion alone can be written as .bvh or .vrma; apply it to a body for {form}")
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
         report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+    elif form == ".vrm":
+        from vitruvian.formats.vrm import write_vrm
+
+        if isinstance(thing, Mesh):
+            raise VitruvianError(f"{path}: a VRM needs a humanoid; a mesh can be written as .glb or .obj")
+        report |= write_vrm(_clip(thing, path), path, **options)
     elif form in USD:
         from vitruvian.formats.usd import write_usd
 
@@ -209,9 +233,21 @@ def check(path: str | Path) -> list[Finding]:
     from vitruvian.hanim.doctor import unreadable
 
     try:
+        if extension(_existing(path)) in FIGURES:
+            return examine(_as_scene(path), path)
         return examine(scene(path), path)
     except FileError as e:
         return [unreadable(e)]
+
+
+def _as_scene(path: str | Path) -> Scene:
+    """The humanoid of another kind of file as a scene that the doctor can look at; its findings have no lines."""
+    from vitruvian.hanim.build import scene_of
+
+    found = humanoids(path)
+    if not found:
+        raise VitruvianError(f"{path}: holds a motion or a mesh; the doctor looks at humanoids only")
+    return scene_of(found)[0]
 
 
 def fix(path: str | Path, out: str | Path) -> list[str]:

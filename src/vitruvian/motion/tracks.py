@@ -178,7 +178,7 @@ def _closed(track: Track) -> bool:
     return bool(np.abs(ends[0] - ends[1]).max() < 1e-6)
 
 
-def _frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
+def frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Rotations (n,J,4), translations (n,J,3) and weights, with one frame more at the end of a loop: the first again.
 
     A walk that goes somewhere ends one step further instead of jumping back to where it began.
@@ -236,7 +236,7 @@ def axis_angles(rotation: Floats) -> Floats:
 def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
     """Interpolator tracks with one key per frame: rotation of every joint that turns, translation of those that move,
     weights of displacers. Keys 0..1 over the clip; a loop gets the first frame as its last key."""
-    rotation, shift, weights = _frames_to_write(motion)
+    rotation, shift, weights = frames_to_write(motion)
     count = len(rotation)
     keys = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
     interval = max(count - 1, 1) / motion.fps
@@ -257,7 +257,7 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
     Angles in degrees, continuous, rotation channels in `order`; enabled and loop are always said, because engines
     differ in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
     """
-    rotation, shift, _ = _frames_to_write(motion)
+    rotation, shift, _ = frames_to_write(motion)
     joints, channels, columns = [], [], []
     turning = tuple(f"{c}rotation" for c in order.upper())
     place = ("Xposition", "Yposition", "Zposition")
