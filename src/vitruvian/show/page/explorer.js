@@ -108,7 +108,7 @@ export class Explorer {
   }
 
   showRanges() {
-    this.ranges.group.visible = this.selected >= 0 && pressed("arcs");
+    this.ranges.group.visible = this.selected >= 0 && pressed("arcs") && this.page.mode !== "weights"; // whose colours must match their bar
     this.page.changed = true;
   }
 

@@ -306,7 +306,7 @@ export class Figure {
     });
   }
 
-  /** [low, high] of the present surface. */
+  /** [low, high] of the present surface, or of the joints where there is none. */
   box() {
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9], p = new THREE.Vector3();
     this.group.updateMatrixWorld(true);
@@ -315,6 +315,10 @@ export class Figure {
       p.fromArray(points, i).applyMatrix4(this.space.matrixWorld);
       for (const [a, v] of [[0, p.x], [1, p.y], [2, p.z]]) { low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); }
     }
+    if (!points.length) this.joints.forEach((_, j) => { // a bare skeleton
+      this.jointPosition(j, p);
+      for (const [a, v] of [[0, p.x], [1, p.y], [2, p.z]]) { low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); }
+    });
     return [low, high];
   }
 }

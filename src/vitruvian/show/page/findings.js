@@ -32,6 +32,12 @@ export function placeOf(where, figure) {
   return null;
 }
 
+/** The first joint that a message about the whole figure names, or null. */
+function jointIn(message, figure) {
+  const words = new Set(String(message ?? "").split(/[^\w.\-]+/)), j = figure.joints.findIndex((n) => words.has(n));
+  return j < 0 ? null : { kind: "joint", index: j, name: figure.joints[j], joint: j };
+}
+
 /** `on.place(place)` when a finding that has one is chosen. */
 export class Findings {
   constructor({ root, count, sift, panel }, on) {
@@ -39,7 +45,7 @@ export class Findings {
   }
 
   show(findings, found, figure) {
-    this.items = findings.map((f) => ({ ...f, severity: SEVERITIES.includes(f.severity) ? f.severity : "note", place: figure.isBody ? placeOf(f.where, figure) : null }));
+    this.items = findings.map((f) => ({ ...f, severity: SEVERITIES.includes(f.severity) ? f.severity : "note", place: figure.isBody ? placeOf(f.where, figure) ?? jointIn(f.message, figure) : null }));
     this.root.replaceChildren(...this.items.map((f, n) => this.row(f, n)));
     this.count.textContent = found ? String(found) : "";
     if (!findings.length) this.root.append(el("li", "none", "Nothing to report."));
@@ -71,7 +77,7 @@ export class Findings {
     const item = el("li", f.severity), head = el("div", "head"), where = el("div", "where");
     const mark = icon(f.severity);
     mark.setAttribute("aria-label", f.severity);
-    head.append(mark, el("b", "rule", f.rule ?? ""), el("span", "at", f.where ?? ""));
+    head.append(mark, el("b", "code", f.rule ?? ""), el("span", "at", f.where ?? ""));
     item.dataset.testid = `finding-${n}`;
     item.append(head, el("p", "", f.message ?? f.rule ?? ""));
     if (f.fix) { where.append(el("b", "", "Fix: "), f.fix); item.append(where); }

@@ -156,6 +156,7 @@ class Page {
     else this.studio.frame(low, high);
     for (const f of this.figures.values()) this.studio.scene.add(f.group);
     this.studio.canvas.classList.remove("empty");
+    if (!this.again && [...this.figures.values()].every((f) => !f.triangles.length)) $("bones").setAttribute("aria-pressed", "true"); // else nothing would be seen
     this.looks();
   }
 
@@ -295,6 +296,7 @@ class Page {
       figure.overlay.skeleton.visible = pressed("bones");
       figure.overlay.pins.visible = pressed("sites");
     }
+    this.explorer.showRanges();
     $("legend").hidden = this.mode !== "weights" || !this.figure?.isBody;
     $("legend-name").textContent = `Weight of ${this.figure?.joints[Math.max(0, this.selected)] ?? ""}`;
     this.changed = true;
