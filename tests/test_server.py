@@ -233,6 +233,11 @@ def test_transport_does_what_it_says(window):
         assert not np.array_equal(until(lambda h: h["change"] == seen + 1)[1]["capsules", "vertices"], before)
         ask(type="clear_pose", actor="capsules")
         np.testing.assert_array_equal(until(lambda h: h["change"] == seen + 2)[1]["capsules", "vertices"], before)
+        seen += 2
+        ask(type="set_displacer", actor="capsules", name="grow_action", weight=3)
+        assert not np.array_equal(until(lambda h: h["change"] == seen + 1)[1]["capsules", "vertices"], before)
+        ask(type="clear_displacer", actor="capsules", name="grow_action")
+        np.testing.assert_array_equal(until(lambda h: h["change"] == seen + 2)[1]["capsules", "vertices"], before)
         ask(type="deformer", actor="capsules", name="log")
         ask(type="speed", value=2)
         ask(type="play")

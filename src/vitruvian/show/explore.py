@@ -24,10 +24,10 @@ SITE_KINDS = ("feature point", "end effector", "viewpoint", "other place")
 # Groups of displacers: the first whose pattern is found in the name takes it.
 GROUPS = (
     ("Brows", re.compile(r"brow|forehead", re.I)),
-    ("Cheeks and nose", re.compile(r"cheek|nose|nostril|sneer|naso", re.I)),
-    ("Mouth and jaw", re.compile(r"mouth|lip|jaw|chin|smile|frown|tongue|teeth|viseme|dimple|pucker", re.I)),
-    ("Eyes", re.compile(r"(?<![a-z])eye|eye(?:s|lid|ball|blink|look|wide|squint)?(?![a-z])|blink|lid|pupil|iris|gaze", re.I)),
-    ("Other parts of the face", re.compile(r"face|facial|head|ear(?![a-z])|skull", re.I)),
+    ("Cheeks and nose", re.compile(r"cheek|nose|nostril|sneer", re.I)),
+    ("Mouth and jaw", re.compile(r"mouth|(?<![cfls])lip|jaw|chin|smile|frown|tongue|teeth|viseme|dimple|pucker", re.I)),
+    ("Eyes", re.compile(r"(?<![a-z])eye|blink|(?<!so)lid|pupil|iris|gaze", re.I)),
+    ("Other parts of the face", re.compile(r"face|facial|(?<![a-z])(?:head|skull|ear)", re.I)),
 )
 OTHER = "Other shapes"
 DEEPEST = 64  # levels below a Site that are searched for its Viewpoint
@@ -105,15 +105,17 @@ def cameras(body: Body, humanoid: Humanoid | None) -> list[dict[str, Any]]:
     own frame when it has a rotation and no Viewpoint; with neither, ahead from inside the body and from outside to it.
     """
     s = body.skeleton
-    places: list[tuple[int, Site]] = []
+    sites = {site.name: site for site in humanoid.all_sites()} if humanoid is not None else {}
+    named = zip(s.site_names, s.site_joints, s.site_points)
+    places = [(int(j), sites.get(n) or Site(n, translation=p)) for n, j, p in named]
+    seen = {id(site) for _, site in places}
     if humanoid is not None:
-        sites = {site.name: site for site in humanoid.all_sites()}
-        places = [(int(j), sites[n]) for n, j in zip(s.site_names, s.site_joints) if n in sites]
-        seen = {id(site) for _, site in places}
         places += [(-1, site) for site in humanoid.viewpoints if id(site) not in seen]
     points = body.skin.rest if len(body.skin.rest) else s.centers
     out: list[dict[str, Any]] = []
     for joint, site in places:
+        if len(out) == MAX_CAMERAS:
+            break
         found = _viewpoint(site.node) if site.node is not None else None
         if found is None and not (site.name.endswith("_view") or joint < 0):
             continue
@@ -125,11 +127,9 @@ def cameras(body: Body, humanoid: Humanoid | None) -> list[dict[str, Any]]:
             eye = frame[:3, 3]
         aimed = found is not None or abs(float(site.rotation[3])) > 1e-6
         look = -_rigid(frame)[:3, 2] if aimed else _ahead(eye, points)
-        if np.isfinite([*eye, *look]).all() and float(np.abs(eye).max()) < 1e6:
+        if np.isfinite([*eye, *look]).all() and np.abs(eye).max() < 1e6 and np.linalg.norm(look) > 0.5:
             at = {"eye": [float(x) for x in eye], "look": [float(x) for x in look]}
             out.append({"name": site.name, "joint": joint, **at, "fov": float(np.clip(fov, 0.1, 2.6))})
-        if len(out) == MAX_CAMERAS:
-            break
     return out
 
 

@@ -78,7 +78,7 @@ export class Shapes {
   }
 
   search() {
-    const words = this.filter.value.trim().toLowerCase().split(/[\s_]+/);
+    const words = this.filter.value.trim().toLowerCase().split(/\s+/);
     this.rows.forEach(({ box, name }) => { box.hidden = !words.every((w) => name.toLowerCase().includes(w)); });
     for (const { group, these } of this.groups ?? []) group.hidden = these.every((d) => this.rows[d].box.hidden);
   }
