@@ -23,9 +23,9 @@ from vitruvian.show.recording import record
 from vitruvian.show.server import Server, Showing
 
 FINDINGS = [
-    {"rule": "S01", "severity": "error", "where": "joint l_elbow", "line": 12, "message": "<b>15</b> weights", "fix": "cut"},
+    {"rule": "S01", "severity": "error", "where": "joint l_elbow", "line": 12, "message": "<b>15</b> w", "fix": "cut"},
     {"rule": "D05", "severity": "warning", "where": "HAnimSite joe_skull_tip", "line": 3, "message": "no segment"},
-    {"rule": "D01", "severity": "warning", "where": "Displacer grow_action", "line": 9, "message": "index beyond the mesh"},
+    {"rule": "D01", "severity": "warning", "where": "Displacer grow_action", "line": 9, "message": "beyond the mesh"},
     {"rule": "M11", "severity": "note", "where": "TimeSensor Clock", "line": 77, "message": "it never runs"},
     {"rule": "M01", "severity": "error", "where": "humanoid x", "line": 1, "message": "not in joints (r_knee): it stays"},
 ]  # fmt: skip
@@ -201,6 +201,7 @@ def test_sites_are_sifted_and_flown_to_and_labelled(browser, tmp_path):
     with opened(browser, (tmp_path / "clip.html").as_uri(), (1000, 700)) as page:
         pause(page)
         scrub(page, 0)
+        page.keyboard.press("k")  # the camera no longer follows the walk
         page.keyboard.press("n")
         assert page.locator("#sites-list .group > summary").all_text_contents() == ["End effectors2"]
         page.locator("#site-filter").fill("hand")
@@ -304,6 +305,7 @@ def test_findings_open_by_themselves_and_lead_to_what_they_are_about(browser, tm
     with opened(browser, (tmp_path / "clip.html").as_uri(), (1280, 800)) as page:
         pause(page)
         scrub(page, 0)
+        page.keyboard.press("k")  # the camera no longer follows the walk
         panel = page.get_by_test_id("findings")
         assert panel.get_attribute("open") is not None and page.locator("#finding-count").text_content() == "5"
         items = panel.locator("li")

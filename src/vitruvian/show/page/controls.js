@@ -67,6 +67,7 @@ export function keys(table) {
     if (typing) { if (e.key === "Escape") e.target.blur(); return; }
     const arrows = e.key.startsWith("Arrow") || e.key === "Home" || e.key === "End";
     if (arrows && e.target.matches?.("input[type=range], select")) return;
+    if (e.key === " " && e.target.matches?.("summary, input[type=checkbox]")) return; // it opens or ticks these
     let name = e.key === " " ? "Space" : e.key.length === 1 ? e.key.toUpperCase() : e.key;
     if (e.ctrlKey || e.metaKey) name = `Ctrl+${e.shiftKey ? "Shift+" : ""}${name}`;
     else if (e.altKey) return;

@@ -115,7 +115,7 @@ export class Details {
     const s = f.stiffness ? [0, 1, 2].map((a) => number(f.stiffness[3 * j + a])) : ["0", "0", "0"];
     fact("Stiffness", s.every((x) => x === s[0]) ? (s[0] === "0" ? "0: turns freely" : s[0]) : s.join("  "), "0 turns freely, 1 not at all; about x, y, z");
     const [any, most] = f.skinOf(j);
-    fact("Skin", any ? `${any} points, ${most} of them most of all` : "no points", "Vertices of the skin that this joint pulls");
+    fact("Skin", any ? `${any} points, ${most} mainly` : "no points", "Vertices of the skin that this joint pulls");
     this.facts.replaceChildren(...rows);
     const things = [], list = (title, all) => { if (all.length) things.push(el("h3", "", `${title} ${all.length}`), wrap("div", ...all)); };
     const mine = (x) => f.kept[x.joint] === j;

@@ -19,7 +19,7 @@ export class Explorer {
     this.level = null; // until somebody chooses one: all joints
     this.look = -1;
     const settle = () => page.history.settle(), select = (j) => this.select(j);
-    this.tree = new JointTree($("joints"), $("joint-filter"), { select });
+    this.tree = new JointTree($("joints"), $("joint-filter"), { select, point: (j) => this.pointJoint(j) });
     this.details = new Details(
       { card: $("details"), name: $("joint-name"), other: $("joint-other"), sliders: $("joint-sliders"), facts: $("joint-facts"), things: $("joint-things"), free: $("ignore-limits") },
       { select, settle, turn: (j, R, key) => page.turn(j, R, key), site: (s) => this.site(s), shape: (d) => this.shape(d), finding: (n) => this.finding(n) },
@@ -33,7 +33,7 @@ export class Explorer {
     this.findings = new Findings({ root: $("findings"), count: $("finding-count"), sift: $("sift"), panel: $("findings-panel") }, { place: (p) => this.go(p) });
     this.beacon = new Beacon($("beacon"));
     this.ranges = new Ranges();
-    this.chosen = -1; // Site
+    this.before = null; // what the beacon marked before the pointer came to rest on a row
   }
 
   get figure() { return this.page.figure; }
@@ -56,11 +56,11 @@ export class Explorer {
   offer(figure) {
     const n = counts(figure.loa, figure.parents), full = n.indexOf(n.at(-1)), name = (c) => `${c} joint${c === 1 ? "" : "s"}`;
     $("loa").replaceChildren(...n.map((c, level) => {
-      const option = new Option(`LOA ${level} \u00b7 ${name(c)}`, level);
+      const option = new Option(`${full || c === 1 ? `LOA ${level}` : "Any LOA"} \u00b7 ${name(c)}`, level); // names of its own belong to no level
       option.disabled = level > full; // nothing more to show
       return option;
     }));
-    $("loa").disabled = !figure.isBody;
+    $("loa").parentElement.hidden = !figure.isBody;
     this.full = full;
     return full;
   }
@@ -101,7 +101,7 @@ export class Explorer {
     this.tree.select(j);
     this.details.select(j);
     figure.overlay.color(j);
-    if (this.marked !== "joint" || j < 0) this.unmark();
+    this.unmark();
     this.showRanges();
     if (page.mode === "weights") page.looks();
     page.changed = true;
@@ -113,35 +113,47 @@ export class Explorer {
   }
 
   unmark() {
-    this.marked = "";
-    this.chosen = -1;
+    this.before = null;
     this.beacon.hide();
     this.places.select(-1);
     this.figure?.overlay.colorSites(-1);
   }
 
-  mark(kind, at, name, flash = true) {
+  /** Flash a place and keep its name there. */
+  mark(at, name) {
     this.unmark();
-    this.marked = kind;
-    this.beacon.show(at, name, flash);
+    this.beacon.show(at, name, true);
     this.page.changed = true;
   }
 
   site(s) {
     const { figure } = this;
-    this.mark("site", (out) => figure.sitePosition(s, out), figure.sites[s].name);
-    this.chosen = s;
+    this.mark((out) => figure.sitePosition(s, out), figure.sites[s].name);
     this.places.select(s);
     figure.overlay.colorSites(s);
     const p = figure.sitePosition(s);
     this.page.studio.approach(p, this.metres(0.085), figure.outward(p));
   }
 
-  /** The pointer rests on a Site of the list. */
+  /** The pointer rests on a Site of the list, or (-1) on none. */
   point(s) {
-    const { figure } = this, shown = s >= 0 ? s : this.chosen;
-    if (shown >= 0) this.beacon.show((out) => figure.sitePosition(shown, out), figure.sites[shown].name, false);
-    else if (this.marked === "") this.beacon.hide();
+    const { figure } = this;
+    this.hint(s < 0 ? null : { at: (out) => figure.sitePosition(s, out), name: figure.sites[s].name });
+  }
+
+  pointJoint(j) {
+    const { figure } = this;
+    this.hint(j < 0 ? null : { at: (out) => figure.jointPosition(j, out), name: figure.joints[j] });
+  }
+
+  /** Show a name for as long as the pointer rests; what was marked before comes back after. */
+  hint(thing) {
+    if (!thing && !this.before) return;
+    this.before ??= { at: this.beacon.at, name: this.beacon.name.textContent };
+    const shown = thing ?? this.before;
+    if (!thing) this.before = null;
+    if (shown.at) this.beacon.show(shown.at, shown.name, false);
+    else this.beacon.hide();
     this.page.changed = true;
   }
 
@@ -149,7 +161,7 @@ export class Explorer {
     const { figure } = this, { joint, point } = figure.region(d);
     $("shapes-panel").open = true;
     this.shapes.reveal(d);
-    this.mark("shape", (out) => figure.moved(joint, point, out), figure.displacers[d].name);
+    this.mark((out) => figure.moved(joint, point, out), figure.displacers[d].name);
     const p = figure.moved(joint, point);
     this.page.studio.approach(p, this.metres(0.1), figure.outward(p));
   }
@@ -163,18 +175,15 @@ export class Explorer {
   go({ kind, index, joint }) {
     if (kind === "site") this.site(index);
     else if (kind === "displacer") this.shape(index);
-    else {
-      this.flyTo(this.figure.kept[joint], kind === "segment");
-    }
+    else this.flyTo(this.figure.kept[joint], kind === "segment");
   }
 
   /** Select joint j, fly to it and flash it. */
   flyTo(j, segment = false) {
     if (j < 0) return;
     const { figure, page } = this, p = figure.jointPosition(j);
-    this.marked = "joint";
     this.select(j);
-    this.mark("joint", (out) => figure.jointPosition(j, out), segment ? (figure.segments[j]?.[0] ?? figure.joints[j]) : figure.joints[j]);
+    this.mark((out) => figure.jointPosition(j, out), segment ? (figure.segments[j]?.[0] ?? figure.joints[j]) : figure.joints[j]);
     const root = figure.jointPosition(0), away = new THREE.Vector3(p.x - root.x, 0, p.z - root.z);
     const aside = away.length() > this.metres(0.05) ? away.normalize() : null;
     page.studio.approach(p, Math.min(this.metres(0.35), Math.max(this.metres(0.07), 1.5 * this.bone(j))), aside);

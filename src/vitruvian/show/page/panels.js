@@ -2,7 +2,7 @@
 
 import { el } from "./controls.js";
 
-/** Rows for the joints of `figure` at its level; `on.select(j)`. */
+/** Rows for the joints of `figure` at its level; `on.select(j)`, `on.point(j or -1)` while the pointer is on a row. */
 export class JointTree {
   constructor(root, filter, on) {
     Object.assign(this, { root, filter, on, rows: [], selected: -1 });
@@ -14,7 +14,7 @@ export class JointTree {
     this.selected = -1;
     this.rows = figure.joints.map((name, j) => this.row(name, j));
     this.relevel();
-    for (const j of this.shown) if (this.depth(j) < 3) this.rows[j].item.classList.add("unfolded");
+    for (const j of this.shown) this.unfold(j, this.depth(j) < 3);
   }
 
   /** Hang the rows of the joints that the level keeps below each other, and no others. */
@@ -32,6 +32,15 @@ export class JointTree {
     this.search();
   }
 
+  unfold(j, open) {
+    const { item } = this.rows[j];
+    item.classList.toggle("unfolded", open);
+    if (item.classList.contains("leaf")) item.removeAttribute("aria-expanded");
+    else item.setAttribute("aria-expanded", String(open));
+  }
+
+  toggle(j) { this.unfold(j, !this.rows[j].item.classList.contains("unfolded")); }
+
   depth(j) { const { above } = this.figure; let d = 0; for (let p = above[j]; p >= 0; p = above[p]) d++; return d; }
 
   row(name, j) {
@@ -41,15 +50,17 @@ export class JointTree {
     list.setAttribute("role", "group");
     fold.setAttribute("aria-label", `Fold ${name}`);
     fold.tabIndex = -1;
-    fold.onclick = (e) => { e.stopPropagation(); item.classList.toggle("unfolded"); };
+    fold.onclick = (e) => { e.stopPropagation(); this.toggle(j); };
     const label = el("span", "name", name);
     label.title = name;
     row.append(fold, label, el("span", "mark"), el("span", "dot"));
     row.tabIndex = 0;
     row.onclick = () => this.on.select(this.selected === j ? -1 : j);
+    row.onpointerenter = () => this.on.point(j);
+    row.onpointerleave = () => this.on.point(-1);
     row.onkeydown = (e) => {
       if (e.key === "Enter") row.onclick();
-      if (e.key === "ArrowRight" || e.key === "ArrowLeft") { item.classList.toggle("unfolded", e.key === "ArrowRight"); e.stopPropagation(); }
+      if (e.key === "ArrowRight" || e.key === "ArrowLeft") { this.unfold(j, e.key === "ArrowRight"); e.stopPropagation(); }
       if (e.key === "ArrowDown" || e.key === "ArrowUp") this.step(row, e.key === "ArrowDown" ? 1 : -1, e);
     };
     item.append(row, list);
@@ -72,7 +83,7 @@ export class JointTree {
     if (!row) return;
     row.item.classList.add("selected");
     row.item.setAttribute("aria-selected", "true");
-    for (let p = this.figure.above[j]; p >= 0; p = this.figure.above[p]) this.rows[p].item.classList.add("unfolded");
+    for (let p = this.figure.above[j]; p >= 0; p = this.figure.above[p]) this.unfold(p, true);
     if (this.root.offsetParent) row.row.scrollIntoView({ block: "nearest" });
   }
 
@@ -86,6 +97,6 @@ export class JointTree {
     const called = (j) => joints[j].toLowerCase().includes(text) || String(otherNames[j]?.[1] ?? "").toLowerCase().includes(text);
     const keep = joints.map((_, j) => !text || called(j));
     for (let j = joints.length - 1; j >= 0; j--) if (keep[j] && above[j] >= 0 && this.figure.kept[j] === j) keep[above[j]] = true;
-    this.rows.forEach(({ item }, j) => { item.classList.toggle("away", !keep[j]); if (text && keep[j]) item.classList.add("unfolded"); });
+    this.rows.forEach(({ item }, j) => { item.classList.toggle("away", !keep[j]); if (text && keep[j]) this.unfold(j, true); });
   }
 }

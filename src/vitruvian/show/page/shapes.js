@@ -36,7 +36,7 @@ export class Shapes {
 
   row({ name }, d) {
     const box = el("div", "shape"), input = el("input"), value = el("input", "value"), undo = el("button", "undo", "\u00d7");
-    const [, side, plain] = name.replace(/_(action|feature|config)$/, "").match(/^([lr]_)?(.*)$/s), text = el("span", "title");
+    const [, side, plain] = name.replace(/_(action|feature|config)$/, "").match(/^([lr]_)?(.*)$/s), text = el("span", "called");
     text.append(el("span", "name", plain.replaceAll("_", " ")));
     text.title = name;
     if (side) text.append(el("b", "side", side[0].toUpperCase()));
