@@ -356,6 +356,31 @@ def test_view_of_a_broken_file_opens_with_its_findings(browser, tmp_path):
             process.terminate()
 
 
+def test_a_skeleton_without_skin_is_shown_by_its_bones(browser):
+    from vitruvian.hanim.humanoid import Humanoid, Joint
+
+    head = Joint("skullbase", center=np.array([0.0, 160, 0]))
+    hand = Joint("my_<b>third</b>_hand", center=np.array([60.0, 120, 0]))
+    root = Joint("humanoid_root", center=np.array([0.0, 90, 0]), joints=[head, hand])
+    humanoid = Humanoid(name="bones", skeleton=[root], scale=np.full(3, 0.01))  # in centimetres
+    with show(humanoid, open_browser=False, block=False) as window, opened(browser, window.url, (640, 480)) as page:
+        wait(page, "document.getElementById('bones').ariaPressed === 'true'")
+        assert page.get_by_test_id("loa").locator("option").all_text_contents()[1] == "LOA 1 · 3 joints"
+        x, y = page.evaluate("vitruvian.screen('skullbase')")
+        assert 200 < x < 440 and 30 < y < 300
+        page.wait_for_timeout(700)
+        assert np.abs(pixels(page)[int(y), int(x)] - pixels(page)[30, 600]).sum() > 100  # a dot
+        select(page, "my_<b>third</b>_hand")
+        text = page.get_by_test_id("joint-details").text_content()
+        assert "my_<b>third</b>_hand" in text and "not a name of the standard" in text and "no points" in text
+        page.keyboard.press("Escape")
+        page.keyboard.press("Escape")
+        page.keyboard.press("g")
+        wait(page, "vitruvian.camera.moving")
+        wait(page, "!vitruvian.camera.moving")
+        np.testing.assert_allclose(page.evaluate("vitruvian.camera.target"), [0.6, 1.2, 0], atol=1e-3)
+
+
 @pytest.mark.parametrize("size", [(1280, 800), (520, 440)])
 def test_nothing_jumps_and_nothing_is_cut_off(browser, tmp_path, size):
     clip = capsule_clip(vertices=800, frames=6)
