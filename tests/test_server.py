@@ -248,6 +248,14 @@ def test_transport_does_what_it_says(window):
         ask(type="speed", value=1)
 
 
+@pytest.mark.parametrize("name", ["l_elbow", "", "grow_action ", "__proto__", "x" * 200])
+def test_displacers_that_do_not_exist_are_not_cleared(name):
+    showing = Showing(actors_of([capsule_clip(vertices=300)]))
+    with pytest.raises(VitruvianError, match="has no"):
+        showing.apply({"type": "clear_displacer", "actor": "capsules", "name": name})
+    assert showing.change == 0
+
+
 def test_a_slow_page_never_has_more_than_three_frames_in_flight(window):
     with dial(window) as ws:
         hello(window, ws)

@@ -7,24 +7,32 @@ import { chip, el } from "./controls.js";
 const DEGREES = 180 / Math.PI;
 const AXES = ["x", "y", "z"];
 const SLACK = 0.05; // degrees beyond a limit that rounding makes
+const AT_ONCE = 400; // joints whose sliders are made before they are asked for
 
 /** `on.turn(j, rotation or null, key)`, `on.settle()`, `on.site(s)`, `on.shape(d)`, `on.select(j)`, `on.finding(n)`. */
 export class Details {
   constructor({ card, name, other, sliders, facts, things, free }, on) {
     Object.assign(this, { card, name, other, sliders, facts, things, free, on, rows: [], selected: -1 });
-    free.addEventListener("change", () => { this.rows.forEach((_, j) => this.bounds(j)); this.update(true); });
+    free.addEventListener("change", () => { for (const row of this.rows) if (row) this.bounds(row); this.update(true); });
   }
 
   show(figure) {
     this.figure = figure;
-    this.rows = figure.joints.map((name, j) => {
-      const box = el("div", "sliders"), inputs = AXES.map((axis, a) => this.slider(name, j, axis, a, box));
-      box.hidden = true;
-      return { box, inputs };
-    });
-    this.sliders.replaceChildren(...this.rows.map((r) => r.box));
-    this.rows.forEach((_, j) => this.bounds(j));
+    this.rows = new Array(figure.joints.length).fill(null);
+    this.sliders.replaceChildren();
+    for (let j = 0; j < Math.min(AT_ONCE, this.rows.length); j++) this.row(j);
     this.select(-1);
+  }
+
+  /** The sliders of joint j. */
+  row(j) {
+    if (this.rows[j]) return this.rows[j];
+    const box = el("div", "sliders"), inputs = AXES.map((axis, a) => this.slider(this.figure.joints[j], j, axis, a, box));
+    box.hidden = true;
+    this.sliders.append(box);
+    this.rows[j] = { j, box, inputs };
+    this.bounds(this.rows[j]);
+    return this.rows[j];
   }
 
   /** Limits of axis `a` in degrees, null when it is free. */
@@ -55,8 +63,8 @@ export class Details {
   }
 
   /** Put the ends of the sliders where the limits are, or at half a turn when they are ignored. */
-  bounds(j) {
-    this.rows[j].inputs.forEach(({ input, box }, a) => {
+  bounds({ j, inputs }) {
+    inputs.forEach(({ input, box }, a) => {
       const limit = this.limit(j, a), open = !limit || this.free.checked, low = open ? -180 : limit[0], high = open ? 180 : limit[1];
       input.min = low.toFixed(1);
       input.max = high.toFixed(1);
@@ -95,7 +103,7 @@ export class Details {
     this.wanted = null;
     this.card.hidden = j < 0;
     if (j < 0) return;
-    this.rows[j].box.hidden = false;
+    this.row(j).box.hidden = false;
     this.describe(j);
     this.update(true);
   }
@@ -133,7 +141,7 @@ export class Details {
     const now = !force && held ? this.wanted.angles : this.angles(this.selected);
     row.inputs.forEach(({ box, input, value }, a) => {
       if (input !== document.activeElement || force || !this.wanted) input.value = now[a];
-      if (value !== document.activeElement || force) value.value = now[a].toFixed(1);
+      if (value !== document.activeElement || force) value.value = now[a].toFixed(1).replace(/^-0\.0$/, "0.0");
       const at = (x) => Math.min(1, Math.max(0, (x - input.min) / (input.max - input.min || 1))), limit = this.limit(this.selected, a);
       const over = Boolean(limit) && (now[a] < limit[0] - SLACK || now[a] > limit[1] + SLACK);
       const here = at(now[a]), zero = at(0);

@@ -379,6 +379,7 @@ class Page {
     click("reset-shapes", () => this.resetShapes());
     const cycle = () => { const all = [...$("deformer").options].map((o) => o.value); this.setDeformer(all[(all.indexOf($("deformer").value) + 1) % all.length]); };
     const speed = (d) => () => { const s = $("speed"); s.selectedIndex = Math.min(s.length - 1, Math.max(0, s.selectedIndex + d)); source.speed(Number(s.value)); };
+    const seek = (panel, filter) => () => { $(panel).open = true; $(filter).focus(); };
     const press = (id) => () => $(id).click();
     keys({
       Space: play, ArrowLeft: () => source.step(-1), ArrowRight: () => source.step(1), "[": speed(-1), "]": speed(1), L: press("loop"),
@@ -388,7 +389,7 @@ class Page {
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
       X: press("reset-shapes"), Backspace: press("unselect"),
-      "/": () => { $("joints-panel").open = true; $("joint-filter").focus(); },
+      "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { for (const p of document.querySelectorAll(".panel")) p.open = false; if (pressed("help")) $("help").click(); },
     });

@@ -14,7 +14,11 @@ export class JointTree {
     this.selected = -1;
     this.rows = figure.joints.map((name, j) => this.row(name, j));
     this.relevel();
-    for (const j of this.shown) this.unfold(j, this.depth(j) < 3);
+    const depth = [];
+    for (const j of this.shown) {
+      depth[j] = figure.above[j] < 0 ? 0 : depth[figure.above[j]] + 1;
+      this.unfold(j, depth[j] < 3);
+    }
   }
 
   /** Hang the rows of the joints that the level keeps below each other, and no others. */
@@ -40,8 +44,6 @@ export class JointTree {
   }
 
   toggle(j) { this.unfold(j, !this.rows[j].item.classList.contains("unfolded")); }
-
-  depth(j) { const { above } = this.figure; let d = 0; for (let p = above[j]; p >= 0; p = above[p]) d++; return d; }
 
   row(name, j) {
     const item = el("li", "joint"), row = el("div", "row"), fold = el("button", "fold"), list = el("ul");
