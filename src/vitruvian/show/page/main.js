@@ -298,6 +298,7 @@ class Page {
     }
     this.explorer.showRanges();
     $("legend").hidden = this.mode !== "weights" || !this.figure?.isBody;
+    $("details").classList.toggle("short", !$("legend").hidden); // room for the legend
     $("legend-name").textContent = `Weight of ${this.figure?.joints[Math.max(0, this.selected)] ?? ""}`;
     this.changed = true;
   }
