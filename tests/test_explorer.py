@@ -131,7 +131,7 @@ def test_a_joint_turned_at_a_lower_level_turns_what_follows_it_and_hidden_turns_
 def test_the_built_in_person_has_the_levels_of_the_standard_and_groups(browser, tmp_path):
     clip = walking_person()
     record(clip, tmp_path / "person.html")
-    with opened(browser, (tmp_path / "person.html").as_uri(), (1280, 800)) as page:
+    with opened(browser, (tmp_path / "person.html").as_uri(), (560, 440)) as page:
         pause(page)
         scrub(page, 7)
         labels = page.get_by_test_id("loa").locator("option").all_text_contents()
