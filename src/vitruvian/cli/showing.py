@@ -41,7 +41,7 @@ def view(
     no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
     as_json: bool = Json,
 ) -> None:
-    """Show files in the browser, until Ctrl-C."""
+    """Show files in the browser, until Ctrl-C. The page lists what the doctor finds in them, open when there are errors."""
     import sys
     import threading
     from contextlib import suppress
