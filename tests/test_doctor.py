@@ -13,7 +13,8 @@ from vitruvian.errors import FileError
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
 from vitruvian.hanim.build import scene_of
-from vitruvian.hanim.doctor import SEVERITY, check, unreadable
+from vitruvian.hanim.doctor import check, unreadable
+from vitruvian.hanim.doctor_rules import RULES
 from vitruvian.hanim.graph import Literal, Scene
 
 SKIN_COORD = '<Coordinate USE="hanim_skin_coords" containerField="skinCoord"/>'
@@ -116,14 +117,14 @@ def test_each_rule_finds_its_defect(rule: str, old: str, new: str, message: str)
     found = [f for f in check(scene) if f.rule == rule]
     assert found, sorted(rules(scene))
     finding = next(f for f in found if message in f.message)
-    assert finding.severity == {"E": "error", "W": "warning", "N": "note"}[SEVERITY[rule]]
+    assert finding.severity == {"E": "error", "W": "warning", "N": "note"}[RULES[rule].severity]
     assert finding.line > 0
     assert finding.where
 
 
 def test_every_error_rule_has_a_mutation() -> None:
     elsewhere = {"F02", "M06", "M12", "M20", "M22", "V02", "V03", "T03", "S07", "D02", "P04", "P05"}
-    assert set(SEVERITY) - {m[0] for m in MUTATIONS} <= elsewhere
+    assert set(RULES) - {m[0] for m in MUTATIONS} <= elsewhere
 
 
 def test_level_of_articulation() -> None:
