@@ -163,7 +163,7 @@ def _gaps(figure: Figure) -> None:
         if own is None or above is None or above not in _ancestors(own):
             continue
         for name in _ancestors(own)[: _ancestors(own).index(above)]:
-            if above == tables.ROOT and not whole(present):
+            if above == tables.ROOT and not {"skullbase", "l_hip", "r_hip"} <= present:
                 continue  # a hand or a foot by itself starts where it starts
             if claimed < tables.joints()[name].loa <= tables.joints()[own].loa and name not in present:
                 found.setdefault(name, (node, own, above))

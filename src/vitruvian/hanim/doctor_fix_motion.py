@@ -15,7 +15,7 @@ from vitruvian.hanim.doctor_file import closest
 from vitruvian.hanim.doctor_fix import Wanted
 from vitruvian.hanim.doctor_motion import first_position, motions, position_columns, stillness
 from vitruvian.hanim.doctor_routes import STEPS as INTERPOLATORS
-from vitruvian.hanim.doctor_routes import Events, field_names, in_degrees, interface, route_faults, timer_faults
+from vitruvian.hanim.doctor_routes import Events, in_degrees, interface, nearest_field, route_faults, timer_faults
 from vitruvian.hanim.graph import Import, Node, Route
 
 
@@ -103,7 +103,7 @@ def _candidates(chart: Chart, route: Route, defs: dict[str, Node]) -> Iterator[R
             return
         known = interface(chart, defs[near], field)
         if known == ("", ""):
-            field = closest(event(field), field_names(chart, defs[near])) or field
+            field = nearest_field(chart, defs[near], field) or field
         ends.append((near, field))
     yield Route(*ends[0], *ends[1])
 

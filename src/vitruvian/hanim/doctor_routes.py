@@ -94,7 +94,7 @@ def route_faults(chart: Chart, route: Route, defs: dict[str, Node], imported: se
             continue
         kind, access = known_field
         if not access:
-            near = closest(event(field), field_names(chart, node))
+            near = nearest_field(chart, node, field)
             fix = f"perhaps {near} is meant" if near else ""
             found.append((f"ROUTE {end} {name}.{field}: {node.type} has no such field", fix))
         elif access in (("outputOnly", "initializeOnly") if end == "to" else ("inputOnly", "initializeOnly")):
@@ -131,11 +131,13 @@ def interface(chart: Chart, node: Node, field: str) -> tuple[str, str] | None:
     return "", ""
 
 
-def field_names(chart: Chart, node: Node) -> list[str]:
-    """Names of the fields of a node."""
+def nearest_field(chart: Chart, node: Node, field: str) -> str:
+    """The field of a node whose name is nearest to that in a ROUTE, "" when none is near."""
     if node.type in chart.reading.protos:
-        return [f.name for f in chart.reading.protos[node.type].interface]
-    return [*fields_of(node.type), *(f.name for f in node.interface)]
+        names = [f.name for f in chart.reading.protos[node.type].interface]
+    else:
+        names = [*fields_of(node.type), *(f.name for f in node.interface)]
+    return closest(field, names) or closest(event(field), names)
 
 
 # Who drives what
