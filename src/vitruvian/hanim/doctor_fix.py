@@ -64,16 +64,23 @@ def mend(scene: Scene, path: object = None, *, also: Iterable[str] = ()) -> list
     done: list[str] = []
     for _ in range(_PASSES):
         lines: list[str] = []
+        chart = Chart(scene, path)  # made anew after each change: every step sees what the one before it left
         for scene_step in of_scene:
-            lines += scene_step(Chart(scene, path), wanted)
-        chart = Chart(scene, path)
+            said = list(scene_step(chart, wanted))
+            chart = Chart(scene, path) if said else chart
+            lines += said
         for node in [n for n in chart.nodes if chart.reading.kind(n) == "Humanoid"]:
-            for step in of_figure:  # each step sees what the one before it left
-                figure = Figure(Chart(scene, path), node)
+            figure = Figure(chart, node)
+            for step in of_figure:
                 where = f"humanoid {figure.chart.text(node, 'name') or node.name}".strip()
-                lines += [f"{where}: {what}" for what in step(figure, wanted)]
+                said = [f"{where}: {what}" for what in step(figure, wanted)]
+                figure = Figure(Chart(scene, path), node) if said else figure
+                lines += said
+            chart = figure.chart
         for scene_step in doctor_fix_motion.SCENE_STEPS:
-            lines += scene_step(Chart(scene, path), wanted)
+            said = list(scene_step(chart, wanted))
+            chart = Chart(scene, path) if said else chart
+            lines += said
         done += lines
         if not lines:
             break

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from vitruvian.hanim.animation import event
-from vitruvian.hanim.doctor import Floats
+from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_fix import Wanted, entries, target
 from vitruvian.hanim.doctor_motion import motions
-from vitruvian.hanim.doctor_pose import crooked_pairs, placement, whole_body
+from vitruvian.hanim.doctor_pose import crooked_pairs, misplaced, placement, whole_body
 from vitruvian.hanim.doctor_space import at_rest, matrix, mesh, rest_matrices, rows, vector
 from vitruvian.hanim.graph import Node, Use
 from vitruvian.hanim.surface import matrix as placed
@@ -230,22 +230,17 @@ def _place(figure: Figure, wanted: Wanted) -> Iterator[str]:
     tall, soles, middle = placement(figure, at, points)
     if tall <= 0:
         return
-    factor = 1.0
     if not 0.25 <= tall <= 2.7:
         fitting = [f for f in _UNITS if 1.0 <= tall * f <= 1.9]
         factor = min(fitting, key=lambda f: abs(tall * f - 1.5)) if fitting else 1.5 / tall
         node.fields["scale"] = vector(chart, node, "scale") * factor
         yield f"scale times {factor:g}: from ankle to skull it measures {tall * factor:.3g} m (P05)"
-    shift = vector(chart, node, "translation")
-    center = vector(chart, node, "center")
-    soles, middle = (soles - shift[1] - center[1]) * factor, (middle - shift - center) * factor
-    new = np.array([-middle[0] - center[0], -soles - center[1], -middle[2] - center[2]])
-    height = tall * factor
-    now = shift + np.array([middle[0] + center[0], soles + center[1], middle[2] + center[2]])
-    if abs(now[1]) > 0.05 * height or max(abs(now[0]), abs(now[2])) > 0.1 * height:
-        keep = np.array([max(abs(now[0]), abs(now[2])) <= 0.1 * height, abs(now[1]) <= 0.05 * height])
-        new = np.where([keep[0], keep[1], keep[0]], shift, new)
-        node.fields["translation"] = new
+        figure = Figure(Chart(chart.scene, chart.path), node)
+        tall, soles, middle = placement(figure, at, points)
+    high, aside = misplaced(tall, soles, middle, points)
+    if high or aside:
+        shift = np.array([middle[0] * aside, soles * high, middle[2] * aside])
+        node.fields["translation"] = new = vector(figure.chart, node, "translation") - shift
         yield f"translation {' '.join(f'{v:.4g}' for v in new)} puts it onto the ground and the Y axis (P05)"
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Chart
     from vitruvian.hanim.doctor_figure import Figure
 
+_APIECE = 3  # nameless things of a kind that are told one by one
 _STRANGERS = 100  # names that are not in the tables, for which a near one is looked up
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _SIDES = {"l": "l", "left": "l", "r": "r", "right": "r"}
@@ -45,13 +46,12 @@ def examine(figure: Figure) -> None:
     """N01 to N04, N06 and N07."""
     add, text = figure.chart.add, figure.chart.text
     strange = 0
+    _nameless(figure)
     for node, kind in things(figure):
         name = text(node, "name")
         if not name:
-            derived = figure.name(node)
-            fix = f"name='{derived}'" if derived and tables.canonical(derived, kind) else "give it its standard name"
-            add("N01", node, f"{kind} without a name: nothing can address it", fix)
-        elif kind != "site" and tables.canonical(name, kind) is None:
+            continue
+        if kind != "site" and tables.canonical(name, kind) is None:
             strange += 1
             close = near(name, kind) if strange < _STRANGERS else ""
             if close:
@@ -70,6 +70,20 @@ def examine(figure: Figure) -> None:
         message = f"segment {own} hangs on joint {joint_name}, whose segment is {wanted}"
         add("N07", segment, message, f"name='{wanted}'")
     _suffixes(figure)
+
+
+def _nameless(figure: Figure) -> None:
+    """N01: each by itself, or one finding for many of a kind."""
+    bare: dict[str, list[Node]] = defaultdict(list)
+    for node, kind in things(figure):
+        if not figure.chart.text(node, "name"):
+            bare[kind].append(node)
+    for kind, nodes in bare.items():
+        for node in nodes if len(nodes) <= _APIECE else nodes[:1]:
+            what = f"{kind} without a name" if len(nodes) <= _APIECE else f"{len(nodes)} {kind}s without a name"
+            derived = figure.name(node)
+            fix = f"name='{derived}'" if derived and tables.canonical(derived, kind) else "give it its standard name"
+            figure.chart.add("N01", node, f"{what}: nothing can address it", fix)
 
 
 def strangers(figure: Figure) -> Iterator[tuple[Node, str, str]]:

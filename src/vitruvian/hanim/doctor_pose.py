@@ -12,8 +12,9 @@ from vitruvian.hanim.doctor_space import at_rest, matrix, mesh
 
 MIRROR = 0.02 / 1.75  # of the figure's stature
 _ARM = 15.0  # degrees that a resting arm may be off the vertical
-_FEET = (0.4, 2.5)  # ankle spacing over hip spacing
-_GROUND, _AXIS = 0.05, 0.1  # of the stature: how far feet and trunk may be off the ground and the Y axis
+_FEET = (0.5, 2.0)  # ankle spacing over hip spacing
+_GROUND, _AXIS = 0.02, 0.05  # of the stature: how far feet and trunk may be off the ground and the Y axis
+_GUESS = 0.06  # of the stature: how far soles told from the ankles alone may be
 _OUTSIDE = 0.05  # of the stature: how far a joint may be outside the mesh
 _WHOLE = ("humanoid_root", "skullbase", "l_hip", "r_hip", "l_shoulder", "r_shoulder")
 
@@ -125,18 +126,26 @@ def placement(figure: Figure, at: dict[str, Floats], points: Floats) -> tuple[fl
     return tall, soles, joints.mean(axis=0)
 
 
+def misplaced(tall: float, soles: float, middle: Floats, points: Floats) -> tuple[bool, bool]:
+    """Whether a body is off the ground, and off the Y axis."""
+    stature = 1.12 * tall  # from ankle to skull it lacks the foot and the cap of the head
+    ground = _GROUND if len(points) else _GUESS
+    return abs(soles) > ground * stature, max(abs(float(middle[0])), abs(float(middle[2]))) > _AXIS * stature
+
+
 def _size(figure: Figure, at: dict[str, Floats], points: Floats) -> None:
     """P05: metres, on the ground, on the Y axis."""
     add, node = figure.chart.add, figure.node
     tall, soles, middle = placement(figure, at, points)
+    off = misplaced(tall, soles, middle, points)
     if tall < 0:
         add("P04", node, "skullbase is below the feet: the figure stands on its head", "turn it upright")
     elif not 0.25 <= tall <= 2.7:
         message = f"from ankle to skull it measures {tall:.3g} m: the units are not metres"
         add("P05", node, message, "give the Humanoid a scale")
-    elif abs(soles) > max(_GROUND * tall, 1e-9) * (1 if len(points) else 3):
+    elif off[0]:
         add("P05", node, f"the soles are {soles:.2g} m above the ground", "give the Humanoid a translation")
-    elif max(abs(middle[0]), abs(middle[2])) > _AXIS * tall:
+    elif off[1]:
         message = f"the body stands {float(np.hypot(middle[0], middle[2])):.2g} m off the Y axis"
         add("P05", node, message, "give the Humanoid a translation")
 
