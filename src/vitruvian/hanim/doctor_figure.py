@@ -8,7 +8,7 @@ import numpy as np
 
 from vitruvian.hanim import tables
 from vitruvian.hanim.doctor import Chart
-from vitruvian.hanim.doctor_file import some
+from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.graph import Node, walk_all
 from vitruvian.hanim.view import name_of, walk_groups
 
@@ -169,7 +169,7 @@ def _gaps(figure: Figure) -> None:
                 found.setdefault(name, (node, own, above))
     if found:
         (first, (node, own, above)), *_ = found.items()
-        what = "1 standard joint is" if len(found) == 1 else f"{len(found)} standard joints are"
+        what = several(len(found), "standard joint is", "standard joints are")
         message = (
             f"{what} missing between joints that are there ({some(list(found))}; {first} between {above} and {own})"
         )
@@ -230,7 +230,8 @@ def _version(figure: Figure) -> None:
         message = f"the root is called {chart.text(root, 'name')}, in this kind of file it is {expected}"
         chart.add("V05", root, message, f"name='{expected}'")
     if modern(figure) and old:
-        message = f"{len(old)} joints of a 2.0 humanoid have older names ({some(old)}): motion and tools miss them"
+        what = several(len(old), "joint", "joints")
+        message = f"{what} of a 2.0 humanoid with older names ({some(old)}): motion and tools miss them"
         chart.add("V04", node, message, "rename by the alias table: convert --hanim 2.0")
     claim = chart.numbers(node, "loa")
     if not claim.size or not np.isfinite(claim[0]) or not 0 <= claim[0] <= 4:
@@ -242,7 +243,9 @@ def _version(figure: Figure) -> None:
         message = f"claims level of articulation {loa} but {len(missing)} of its joints are missing ({some(missing)})"
         chart.add("V02", node, message, f"loa='{best}'")
     if beyond:
-        message = f"claims level {loa} but has {len(beyond)} joints of higher levels ({beyond[0]}, ...)"
+        message = (
+            f"claims level {loa} but has {several(len(beyond), 'joint', 'joints')} of higher levels ({beyond[0]}, ...)"
+        )
         fix = f"loa='{best}'" if best > loa else "legal: no higher level is complete"
         chart.add("V03", node, message, fix)
 
@@ -258,16 +261,19 @@ def _lists(figure: Figure) -> None:
         add("M01", node, message, "list every joint by USE with containerField='joints'")
     elif absent:
         names = some([figure.name(j) for j in absent])
-        message = f"{len(absent)} joints of the skeleton are not in joints ({names}): X_ITE does not move their skin"
+        what = several(len(absent), "joint", "joints")
+        message = f"{what} of the skeleton missing in joints ({names}): X_ITE does not move their skin"
         add("M01", node, message, "list every joint by USE with containerField='joints'")
     again = [n for n in figure.listed if counts[id(n)] > 1]
     if again:
         number = len({id(n) for n in again})
-        message = f"{number} joints are listed twice in joints ({figure.name(again[0])}, ...): their weights act twice"
+        what = several(number, "joint is", "joints are")
+        message = f"{what} listed twice in joints ({figure.name(again[0])}, ...): their weights act twice"
         add("M02", node, message, "list each joint once")
     strangers = [n for n in figure.listed if id(n) not in figure.parent]
     if strangers:
-        message = f"{len(strangers)} entries of joints are not in the skeleton ({figure.name(strangers[0])})"
+        what = several(len(strangers), "entry of joints is", "entries of joints are")
+        message = f"{what} not in the skeleton ({figure.name(strangers[0])})"
         add("M03", strangers[0], message + ": the copy turns, the skeleton does not", "replace the copy by a USE")
 
 
@@ -298,7 +304,8 @@ def _shown(figure: Figure) -> None:
             add("M19", node, "a Transform above the humanoid has scale 0: it is hidden", "give a positive scale")
         below = node
     for owner, kind, _, shapes in loose_shapes(figure):
-        message = f"{len(shapes)} shapes stand in {kind} {figure.name(owner)} outside any Segment or skin"
+        what = several(len(shapes), "shape stands", "shapes stand")
+        message = f"{what} in {kind} {figure.name(owner)} outside any Segment or skin"
         add("M21", shapes[0], message, "put them into the Segment that they belong to")
 
 
@@ -323,7 +330,7 @@ def unattached(chart: Chart, figures: list[Figure]) -> None:
     lost = [n for n in chart.nodes if chart.reading.kind(n) == "Site" and id(n) not in held]
     if lost:
         names = some([chart.text(n, "name") or n.name or "(no name)" for n in lost])
-        what = "1 site hangs" if len(lost) == 1 else f"{len(lost)} sites hang"
+        what = several(len(lost), "site hangs", "sites hang")
         chart.add(
             "D06", lost[0], f"{what} under no joint or segment of a skeleton ({names})", "put it under its segment"
         )

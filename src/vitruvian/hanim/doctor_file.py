@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vitruvian.hanim.doctor import Chart
+from vitruvian.hanim.doctor_words import closest, several, some
 from vitruvian.hanim.fields import container_of, fields_of, known, node_types, placement
 from vitruvian.hanim.graph import Literal, Node, Proto, Use
 
@@ -18,7 +19,6 @@ _OLD = {"Switch": {"choice"}, "LOD": {"level"}, "Collision": {"collide", "proxy"
 # What the two poorest profiles lack; all others have it.
 _POOR = {"Core", "CADInterchange"}
 _LINKS = {"Anchor"}  # their urls lead elsewhere and are no part of the scene
-_SHOWN = 3
 
 
 def examine(chart: Chart) -> None:
@@ -41,19 +41,6 @@ def header_version(chart: Chart) -> str:
         if node.type == "HAnimMotion" or (node.type == "HAnimHumanoid" and "loa" in node.fields):
             return "4.0"
     return "3.3"
-
-
-def some(names: list[str]) -> str:
-    """The first few of many names."""
-    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-
-
-def closest(word: str, words: list[str]) -> str:
-    """The nearest of the words, "" when none is near."""
-    import difflib
-
-    near = difflib.get_close_matches(word, words, n=1, cutoff=0.75)
-    return near[0] if near else ""
 
 
 def _unknown(chart: Chart) -> None:
@@ -246,8 +233,8 @@ def _urls(chart: Chart) -> None:
     lacking += [(p.name, p) for p in chart.scene.protos().values() if p.external]
     if lacking:
         names = list(dict.fromkeys(" ".join(name.split())[:80] for name, _ in lacking))
-        what = "1 file is" if len(names) == 1 else f"{len(names)} files are"
         holder = first if isinstance(first, Node) else None
+        what = several(len(names), "file is", "files are")
         message = f"{what} not beside the scene ({some(names)}): those parts may be missing"
         chart.add("F08", holder, message, "put them beside the scene", lacking[0][1].line)
 

@@ -11,11 +11,11 @@ from vitruvian.hanim import tables
 from vitruvian.hanim.animation import channel_groups, event
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.doctor_file import closest
 from vitruvian.hanim.doctor_fix import Wanted
 from vitruvian.hanim.doctor_motion import first_position, motions, position_columns, stillness
 from vitruvian.hanim.doctor_routes import STEPS as INTERPOLATORS
 from vitruvian.hanim.doctor_routes import Events, in_degrees, interface, nearest_field, route_faults, timer_faults
+from vitruvian.hanim.doctor_words import closest
 from vitruvian.hanim.graph import Import, Node, Route
 
 

@@ -42,8 +42,11 @@ def _counts(figure: Figure, wanted: Wanted) -> Iterator[str]:
 
 
 def _outside(figure: Figure, wanted: Wanted) -> Iterator[str]:
-    """S02: no index beyond the points."""
+    """S02: no index beyond the points. When most are, it is the points that are wrong, and nothing is dropped."""
     if figure.skin_coord is None:
+        return
+    every = np.concatenate([np.zeros(0, np.int64), *(_pairs(figure, j)[0] for j in figure.joints)])
+    if 2 * int(((every < 0) | (every >= len(figure.points))).sum()) > len(every):
         return
     for joint in figure.joints:
         index, weight = _pairs(figure, joint)
@@ -290,6 +293,8 @@ def _displacers(figure: Figure, wanted: Wanted) -> Iterator[str]:
         if bad.any() or not whole or (len(moves) and len(moves) != len(index)):
             n = min(len(index), len(moves)) if len(moves) else len(index)
             kept = ~bad[:n]
+            if n and not kept.any():
+                continue  # nothing would be left: it is the mesh that is wrong
             node.fields["coordIndex"] = index[:n][kept].astype(np.int32)
             if len(moves):
                 node.fields["displacements"] = moves[:n][kept]

@@ -9,6 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from vitruvian.hanim import tables
+from vitruvian.hanim.doctor_words import several
 from vitruvian.hanim.graph import Node
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _prefixes(figure: Figure, humanoids: int) -> None:
     chart = figure.chart
     bare = [n for n, _ in things(figure) if n.name and not n.name.startswith(accepted(figure, humanoids))]
     if bare:
-        message = f"{len(bare)} DEFs of joints, segments and sites do not start with the prefix"
+        message = several(len(bare), "DEF does", "DEFs do") + " not start with the prefix"
         message += f" {prefix(figure, humanoids)} ({bare[0].name}, ...)"
         chart.add("N05", bare[0], message, "--also N05 renames them, their USEs and ROUTEs")
 
@@ -120,18 +121,21 @@ def _suffixes(figure: Figure) -> None:
     """N06: suffixes of sites, displacers and the Coordinates of segments."""
     chart = figure.chart
     for what, nodes, suffixes in (
-        ("sites", [s for s in figure.sites if chart.text(s, "name")], SITE_SUFFIXES),
-        ("displacers", [d for d, _ in figure.displacers if chart.text(d, "name")], DISPLACER_SUFFIXES),
+        ("site", [s for s in figure.sites if chart.text(s, "name")], SITE_SUFFIXES),
+        ("displacer", [d for d, _ in figure.displacers if chart.text(d, "name")], DISPLACER_SUFFIXES),
     ):
         bare = [n for n in nodes if not chart.text(n, "name").endswith(suffixes)]
         if bare:
             message = (
-                f"{len(bare)} {what} have none of the suffixes {' '.join(suffixes)} ({chart.text(bare[0], 'name')}"
+                several(len(bare), f"{what} has", f"{what}s have")
+                + f" none of the suffixes {' '.join(suffixes)} ({chart.text(bare[0], 'name')}"
             )
             chart.add("N06", bare[0], message + ", ...)", "--also N06 adds them")
     odd = list(coordinates(figure))
     if odd:
-        message = f"{len(odd)} Coordinates of segments are not called SEGMENT_coords ({odd[0][0].name}, ...)"
+        message = (
+            f"{several(len(odd), 'Coordinate is', 'Coordinates are')} not called SEGMENT_coords ({odd[0][0].name}, ...)"
+        )
         chart.add("N06", odd[0][0], message, f"DEF {odd[0][1]}")
 
 

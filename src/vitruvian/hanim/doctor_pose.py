@@ -7,8 +7,8 @@ import numpy as np
 from vitruvian.hanim import tables
 from vitruvian.hanim.doctor import Floats
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.doctor_file import some
 from vitruvian.hanim.doctor_space import at_rest, matrix, mesh
+from vitruvian.hanim.doctor_words import several, some
 
 MIRROR = 0.02 / 1.75  # of the figure's stature
 _ARM = 15.0  # degrees that a resting arm may be off the vertical
@@ -25,7 +25,9 @@ def examine(figure: Figure) -> None:
     moved = [j for j in figure.joints if not at_rest(chart, j)]
     if moved:
         names = some([figure.name(j) for j in moved])
-        message = f"{len(moved)} joints are not at rest in the file ({names}): motion assumes that they are"
+        message = (
+            f"{several(len(moved), 'joint is', 'joints are')} not at rest in the file ({names}): motion assumes rest"
+        )
         add("P01", moved[0], message, "bake the pose into centres and skin")
     centers = centers_of(figure)
     given = np.array([c for c in centers.values() if c.any()]).reshape(-1, 3)
@@ -33,10 +35,12 @@ def examine(figure: Figure) -> None:
         return
     lost = [n for n, c in centers.items() if not c.any() and not tables.humanoid_root(n)]
     if lost and len(lost) < len(centers):
-        message = f"{len(lost)} joints have no center ({some(lost)}): they turn about the floor"
+        what = several(len(lost), "joint has", "joints have")
+        message = f"{what} no center ({some(lost)}): turning about the floor"
         add("P02", next(j for j in figure.joints if figure.name(j) == lost[0]), message, "give their centres")
     if crooked := crooked_pairs(figure):
-        message = f"{len(crooked)} pairs of joints are not mirror images ({some(list(crooked))}): lopsided motion"
+        what = several(len(crooked), "pair of joints is no mirror image", "pairs of joints are no mirror images")
+        message = f"{what} ({some(list(crooked))}): lopsided motion"
         add("P03", figure.node, message, "mirror the left centres")
     points, complete = mesh(figure)
     at = whole_body(figure)
@@ -165,6 +169,7 @@ def _inside(figure: Figure, centers: dict[str, Floats], points: Floats, complete
     far = {n: d for n, d in far.items() if d > slack}
     if far:
         worst = max(far, key=lambda n: far[n])
-        message = f"{len(far)} joints are outside the mesh ({some(list(far))}; {worst} by {far[worst]:.3g})"
+        what = several(len(far), "joint is", "joints are")
+        message = f"{what} outside the mesh ({some(list(far))}; {worst} by {far[worst]:.3g})"
         joint = next(j for j in figure.joints if figure.name(j) == worst)
         figure.chart.add("P07", joint, message, "move the mesh or the joint")

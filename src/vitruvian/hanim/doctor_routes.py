@@ -12,7 +12,7 @@ from vitruvian.hanim import doctor_motion
 from vitruvian.hanim.animation import event
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.doctor_file import closest, some
+from vitruvian.hanim.doctor_words import closest, several, some
 from vitruvian.hanim.fields import field as field_of
 from vitruvian.hanim.fields import fields_of, known
 from vitruvian.hanim.graph import Import, Node, Route
@@ -65,7 +65,8 @@ def examine(chart: Chart, figures: list[Figure]) -> None:
                 seen.add(id(source))
                 _interpolator(chart, source, events, still, field)
     if still:
-        message = f"{len(still)} interpolators give the same value all the time: there is nothing to see"
+        what = several(len(still), "interpolator gives", "interpolators give")
+        message = f"{what} the same value all the time: there is nothing to see"
         chart.add("M11", still[0], message)
     _idle(chart, events, seen)
     _twice_driven(figures, events)
@@ -174,7 +175,9 @@ def _twice_driven(figures: list[Figure], events: Events) -> None:
                 n for n in chart.names(motion, "joints") if n in joints and (joints[n].name, "rotation") in events.into
             ]
             if both:
-                message = f"{len(both)} joints are driven by the motion and by ROUTEs ({some(both)})"
+                message = (
+                    f"{several(len(both), 'joint is', 'joints are')} driven by the motion and by ROUTEs ({some(both)})"
+                )
                 chart.add("M13", motion, message + ": the last writer wins", "keep one")
 
 
@@ -225,13 +228,13 @@ def _idle(chart: Chart, events: Events, seen: set[int]) -> None:
     timers = [n for n in chart.nodes if n.type == "TimeSensor" and n.name not in events.out and id(n) not in held]
     if timers:
         names = some([n.name or "(no DEF)" for n in timers])
-        what = "1 TimeSensor drives" if len(timers) == 1 else f"{len(timers)} TimeSensors drive"
+        what = several(len(timers), "TimeSensor drives", "TimeSensors drive")
         message = f"{what} nothing ({names}): no ROUTE leaves"
         chart.add("M08", timers[0], message, "ROUTE its fraction_changed to interpolators")
     mute = [n for n in chart.nodes if n.type in STEPS and n.name not in events.out and id(n) not in held]
     mute = [n for n in mute if (n.name, "fraction") in events.into]
     if mute:
-        what = "1 interpolator drives" if len(mute) == 1 else f"{len(mute)} interpolators drive"
+        what = several(len(mute), "interpolator drives", "interpolators drive")
         message = f"{what} nothing ({some([n.name for n in mute])}): no ROUTE leaves"
         chart.add("M08", mute[0], message, "ROUTE its value_changed to a joint")
 

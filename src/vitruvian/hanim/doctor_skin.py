@@ -11,8 +11,8 @@ from vitruvian.hanim import surface
 from vitruvian.hanim.animation import event
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.doctor_file import some
 from vitruvian.hanim.doctor_space import rows
+from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.graph import Node
 from vitruvian.hanim.view import walk_groups
 
@@ -60,7 +60,8 @@ def _weights(figure: Figure) -> None:
         inside = ~outside & good
         index, weight = index[inside], weight[inside]
         if len(np.unique(index)) < len(index):
-            message = f"joint {name} names {len(index) - len(np.unique(index))} vertices twice: their weights add up"
+            what = several(len(index) - len(np.unique(index)), "point", "points")
+            message = f"joint {name} names {what} twice: their weights add up"
             add("S06", joint, message, "sum them into one entry")
         any_weight |= bool((weight != 0).any())
         np.add.at(total, index, weight)
@@ -85,11 +86,15 @@ def _weights(figure: Figure) -> None:
     off = np.flatnonzero((influences > 0) & (np.abs(total - 1) > WEIGHT_TOLERANCE))
     if off.size:
         worst = off[int(np.argmax(np.abs(total[off] - 1)))]
-        message = f"weights of {off.size} points do not sum to 1 (point {worst}: {total[worst]:.4g})"
+        message = (
+            f"weights of {several(off.size, 'point', 'points')} do not sum to 1 (point {worst}: {total[worst]:.4g})"
+        )
         add("S03", figure.node, message + ": below 1 sticks to rest, above 1 overshoots", "normalise")
     many = int((influences > _MOST).sum())
     if many:
-        message = f"{many} points have more than {_MOST} influences: glTF and VRM export prunes them"
+        message = (
+            f"{several(many, 'point has', 'points have')} more than {_MOST} influences: glTF and VRM export prunes them"
+        )
         add("S07", figure.node, f"{message}, at most {_dropped(pairs):.3g} of the weight of a point")
 
 
@@ -201,10 +206,11 @@ def _faces(chart: Chart, geometry: Node) -> None:
         wrong = [k for k in range(found.first[found.beyond][0], found.last[found.beyond][0])]
         first = next(k for k in wrong if not 0 <= index[k] < found.points)
         number = int(((index < -1) | (index >= found.points)).sum()) or 1
-        message = f"{found.field}: {number} entries outside 0..{found.points - 1} (entry {first}: {index[first]})"
+        what = f"{found.field}: {several(number, 'entry', 'entries')} outside 0..{found.points - 1}"
+        message = f"{what} (entry {first}: {index[first]})"
         chart.add("S09", geometry, message, "drop those faces")
     elif found.thin.any():
-        message = f"{int(found.thin.sum())} faces with fewer than three different corners"
+        message = f"{several(int(found.thin.sum()), 'face', 'faces')} with fewer than three different corners"
         chart.add("S09", geometry, message, "drop those faces")
 
 
@@ -222,7 +228,8 @@ def _displacers(figure: Figure) -> None:
         bad = (index < 0) | (index >= limit)
         if bad.any() and (limit or not on_joint):
             first = int(np.argmax(bad))
-            message = f"coordIndex: {int(bad.sum())} entries outside 0..{limit - 1} (entry {first}: {index[first]})"
+            what = several(int(bad.sum()), "entry", "entries")
+            message = f"coordIndex: {what} outside 0..{limit - 1} (entry {first}: {index[first]})"
             add("D01", node, message, "drop those entries")
         if len(moves) % 3 or (len(moves) and len(moves) // 3 != len(index)):
             message = f"{len(index)} coordIndex but {len(moves) / 3:g} displacements"
@@ -230,7 +237,7 @@ def _displacers(figure: Figure) -> None:
         if not chart.numbers(node, "weight").any() and (node.name, "weight") not in driven:
             silent.append(chart.text(node, "name") or node.name or "(no name)")
     if silent:
-        what = "1 displacer has" if len(silent) == 1 else f"{len(silent)} displacers have"
+        what = several(len(silent), "displacer has", "displacers have")
         message = f"{what} weight 0 and no ROUTE to it ({some(silent)}): never shown by the file alone"
         add("D03", figure.displacers[0][0], message)
 
