@@ -7,14 +7,16 @@ from importlib import import_module
 from pathlib import Path
 
 from vitruvian.formats.source import LIMITS, read_bytes
+from vitruvian.formats.vrml import parse_vrml
 from vitruvian.hanim.doctor import Finding, finding
 from vitruvian.hanim.graph import Comment, Scene
 
 _BY_NAME = {".x3d": "x3d", ".x3dv": "x3dv", ".wrl": "wrl", ".wrz": "wrl"}
 _CALLED = {"x3d": "X3D XML", "x3dv": "Classic X3D", "wrl": "VRML97", "json": "X3D JSON"}
 _READERS = {"x3d": ("x3d", "parse_x3d"), "x3dv": ("vrml", "parse_vrml"), "wrl": ("vrml", "parse_vrml")}
-HEADERS = {"x3dv": b"#X3D V3.3 utf8", "wrl": b"#VRML V2.0 utf8"}
+HEADERS = {"x3dv": "#X3D V3.3 utf8", "wrl": "#VRML V2.0 utf8"}
 _RIGHT = re.compile(rb"#(?:VRML V2\.0 utf8|X3D V[0-9]+\.[0-9]+ utf8)[ \t\r\n]")
+_LIKE = re.compile(r"\s*(?:VRML|X3D)", re.IGNORECASE)
 _OLD = re.compile(rb"#VRML V1\.")
 
 
@@ -40,29 +42,16 @@ def recovered(path: Path, extension: str) -> tuple[Scene, list[Finding]] | None:
     if _OLD.match(data):
         return None  # VRML 1.0 is another language
     if found and found != expected and found in _READERS:
-        scene = _parse(found, data, path)
+        module, function = _READERS[found]
+        scene = getattr(import_module(f"vitruvian.formats.{module}"), function)(data, path)
         message = f"the content is {_CALLED[found]} though the name says {_CALLED[expected]}: loaders choose by it"
         return scene, [finding("F01", "file", 1, message, f"name it .{found}")]
     if expected == "x3d" or _RIGHT.match(data.lstrip(b"\xef\xbb\xbf")) or found == "json":
         return None
-    first, rest = _without_header(data)
-    scene = _parse(expected, HEADERS[expected] + (b"" if first else b" ") + rest, path)
-    what = f"the header {first[:40]!r} is none" if first else "there is no header"
-    fix = f"write {HEADERS[expected].decode()}"
-    return scene, [finding("F01", "file", 1, f"{what}, expected {HEADERS[expected].decode()}", fix)]
-
-
-def _without_header(data: bytes) -> tuple[str, bytes]:
-    """The first line when it tries to be a header, and what follows; line numbers stay as they are."""
-    data = data.lstrip(b"\xef\xbb\xbf")
-    line, end, rest = data.partition(b"\n")
-    if re.match(rb"\s*#\s*(?:VRML|X3D)", line, re.IGNORECASE):
-        return line.decode("utf-8", "replace").strip(), end + rest
-    return "", b"\n" + data
-
-
-def _parse(encoding: str, data: bytes, path: Path) -> Scene:
-    module, function = _READERS[encoding]
-    scene: Scene = getattr(import_module(f"vitruvian.formats.{module}"), function)(data, path)
-    scene.header_comments = [c for c in scene.header_comments if isinstance(c, Comment) and c.text]
-    return scene
+    scene = parse_vrml(data, path, assume=HEADERS[expected])
+    first = scene.body[0] if scene.body else None
+    what = "there is no header"
+    if isinstance(first, Comment) and first.line == 1 and _LIKE.match(first.text):
+        del scene.body[0]  # it tried to be the header
+        what = f"the header '#{first.text[:40]}' is none"
+    return scene, [finding("F01", "file", 1, f"{what}, expected {HEADERS[expected]}", f"write {HEADERS[expected]}")]
