@@ -67,6 +67,11 @@ TOUCH = (
     '<TouchSensor DEF="Press"/><TimeSensor DEF="Clock" cycleInterval="2"/>'
     '<ROUTE fromNode="Press" fromField="touchTime" toNode="Clock" toField="startTime"/>'
 )
+TRIGGERED = TOUCH.replace(
+    '<ROUTE fromNode="Press" fromField="touchTime" toNode="Clock" toField="startTime"/>',
+    '<TimeTrigger DEF="Go"/><ROUTE fromNode="Press" fromField="isActive" toNode="Go" toField="set_boolean"/>'
+    '<ROUTE fromNode="Go" fromField="triggerTime" toNode="Clock" toField="startTime"/>',
+)
 WIDE = (
     '<HAnimJoint DEF="hanim_sacroiliac" name="sacroiliac" center="0 0.81 0" skinCoordIndex="0" skinCoordWeight="0.2"/>'
     '<HAnimJoint DEF="hanim_l_hip" name="l_hip" center="0.1 0.8 0" skinCoordIndex="0" skinCoordWeight="0.2"/>'
@@ -140,6 +145,7 @@ CASES: list[Case] = [
     Case("V02", swap('loa="1"', 'loa="2"', whole()), "53 of its joints are missing", whole()),
     Case("V03", swap('loa="1"', 'loa="0"', whole()), "17 joints of higher levels", whole()),
     Case("V04", swap('name="l_radiocarpal"', 'name="l_wrist"', whole()), "with older names (l_wrist)", whole()),
+    Case("V04", swap('name="l_tarsal_proximal_phalanx_2"', 'name="l_middistal"', whole()), "1 segment of a 2.0", whole()),
     Case("V05", swap('name="humanoid_root"', 'name="HumanoidRoot"'), "the root is called HumanoidRoot"),
     Case("N01", swap('name="vl5" ', ""), "nothing can address it"),
     Case("N02", swap('name="l_elbow"', 'name="l_ellbow"'), "not standard though close"),
@@ -235,6 +241,7 @@ CASES: list[Case] = [
     Case("M10", swap('key="0 0.5 1"', 'key="0 0.5 2"'), "outside 0..1"),
     Case("M11", swap('keyValue="0 0 1 0 0 0 1 1', 'keyValue="0 0 1 0 0 1 0 0'), "1 interpolator gives the same value"),
     Case("M12", swap('<TimeSensor DEF="Clock" cycleInterval="2" loop="true"/>', TOUCH), "waits for TouchSensor Press"),
+    Case("M12", swap('<TimeSensor DEF="Clock" cycleInterval="2" loop="true"/>', TRIGGERED), "waits for TouchSensor Press"),
     Case("M13", swap(FEED, FEED + DRIVE), "last writer wins"),
     Case("M13", RUN.replace('"humanoid_root vl5"', '"humanoid_root l_shoulder"'), "driven by the motion and by ROUTEs",
          RUN),

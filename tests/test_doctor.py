@@ -227,6 +227,41 @@ def test_no_content_is_too_bad(edits: list[tuple[int, str]], everything: bool) -
     check(scene)
 
 
+def crowds() -> dict[str, str]:
+    """Files that hold very many of one defect."""
+    head, tail = GOOD.split("<TimeSensor", 1)
+    many = range(20_000)
+    return {
+        "unknown nodes": head + "".join(f"<Grop{k}/>" for k in many) + "<TimeSensor" + tail,
+        "same DEFs": head + '<Group DEF="a"/>' * 20_000 + "<TimeSensor" + tail,
+        "dangling USEs": head + '<Group USE="a"/>' * 20_000 + "<TimeSensor" + tail,
+        "lost ROUTEs": head
+        + "<TimeSensor"
+        + tail.replace(
+            "</Scene>",
+            "".join(f'<ROUTE fromNode="x{k}" fromField="y" toNode="z" toField="w"/>' for k in many) + "</Scene>",
+        ),
+        "second roots": GOOD.replace(
+            '<HAnimSite USE="hanim_navel_pt" containerField="sites"/>',
+            '<HAnimJoint USE="hanim_vl5" containerField="skeleton"/>' * 20_000,
+        ),
+        "strange joints": GOOD.replace(ELBOW, "".join(f'<HAnimJoint name="l_elbo{k}x"/>' for k in many) + ELBOW),
+    }
+
+
+@pytest.mark.parametrize("kind", crowds())
+def test_many_defects_take_bounded_time(kind: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = parse_x3d(crowds()[kind].encode(), "crowd.x3d")
+    start = time.process_time()
+    assert check(scene)
+    middle = time.process_time()
+    mend(scene)
+    assert middle - start < 5
+    assert time.process_time() - middle < 15
+
+
 def test_json_findings_carry_the_way_to_the_object() -> None:
     (finding,) = [f for f in check(broken('"1 0.5 0.5"', '"1 0.5"')) if f.rule == "S01"]
     assert finding.path == "hanim_Tin/hanim_humanoid_root/hanim_vl5/hanim_l_shoulder"

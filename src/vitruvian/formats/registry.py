@@ -194,13 +194,28 @@ def check(path: str | Path, *, schema: bool = False) -> list[Finding]:
     try:
         graph, found = _examined(path)
     except FileError as e:
-        return [unreadable(e)]
+        return [unreadable(e, _line(path, e.line))]
     found = found + examine(graph, path)
     if schema and graph.encoding == "x3d":
         from vitruvian.formats.schema import complaints
 
         found += complaints(path)
     return sort(found)
+
+
+def _line(path: str | Path, number: int) -> str:
+    """The text of a line of a file that could not be read, shortened; "" when it can't be shown."""
+    from itertools import islice
+
+    if number < 1:
+        return ""
+    try:
+        with open(path, "rb") as file:
+            text = next(islice(file, number - 1, None), b"")[:2000].decode("utf-8", "replace")
+    except OSError:
+        return ""
+    text = " ".join(text.split())
+    return (text if len(text) <= 80 else text[:77] + "...") if text.isprintable() else ""
 
 
 def _examined(path: str | Path) -> tuple[Scene, list[Finding]]:

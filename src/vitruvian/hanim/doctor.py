@@ -8,6 +8,7 @@ and limits.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +16,14 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError
 from vitruvian.hanim.doctor_rules import RULES, SEVERITIES
+from vitruvian.hanim.doctor_words import closest
 from vitruvian.hanim.graph import Literal, Node, Scene, Use
 from vitruvian.hanim.reading import Reading, leniently
 
 Floats = NDArray[np.float64]
 _DEEPEST = 1024  # holders of one node that are looked at
+_LONGEST = 48  # steps of a way through the file that are told
+_GUESSES = 100  # looking for near words is slow, and a hostile file may hold many odd ones
 _QUOTED = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 
 
@@ -50,9 +54,9 @@ def finding(rule: str, where: str, line: int, message: str, fix: str = "", path:
     return Finding(rule, SEVERITIES[RULES[rule].severity], where, line, message, fix, path)
 
 
-def unreadable(error: FileError) -> Finding:
-    """F02: the finding for a file that no scene could be read from."""
-    return finding("F02", "file", error.line, error.what)
+def unreadable(error: FileError, text: str = "") -> Finding:
+    """F02: the finding for a file that no scene could be read from; `text` is what stands in that line."""
+    return finding("F02", "file", error.line, error.what, f"the line reads: {text}" if text else "")
 
 
 def sort(findings: list[Finding]) -> list[Finding]:
@@ -89,6 +93,8 @@ class Chart:
         self.reading = Reading(scene, path, repair=True)
         self.findings: list[Finding] = []
         self.nodes = list(scene.walk())
+        self.guesses = 0
+        self._defs: dict[str, Node] | None = None
         self._parents: dict[int, Node] | None = None
         self._read: dict[tuple[int, str], Floats] = {}
 
@@ -97,7 +103,20 @@ class Chart:
         where = self.reading.who(node) if node is not None else "scene"
         line = line or (node.line if node is not None else 0)
         way = [n.name or n.type for n in reversed([node, *self.above(node)])] if node is not None else []
+        if len(way) > _LONGEST:
+            way[3 : len(way) - _LONGEST + 4] = ["..."]
         self.findings.append(finding(rule, where, line, message, fix, "/".join(way)))
+
+    def defs(self) -> dict[str, Node]:
+        """DEF name -> node, gathered once."""
+        if self._defs is None:
+            self._defs = self.scene.defs()
+        return self._defs
+
+    def closest(self, word: str, words: Iterable[str]) -> str:
+        """The nearest of the words, "" when none is near, or when the file has had enough guesses."""
+        self.guesses += 1
+        return closest(word, list(words)) if self.guesses <= _GUESSES else ""
 
     def above(self, node: Node) -> list[Node]:
         """The nodes that hold a node, nearest first."""

@@ -123,9 +123,16 @@ def _tree(figure: Figure) -> None:
         fix = "make humanoid_root the root of the skeleton"
         add("T01", figure.joints[0], f"the skeleton starts at {root}, expected humanoid_root", fix)
     present = {tables.canonical(n) for n in figure.names.values()}
+    listed_ids = {id(n) for n in figure.listed}
+    again: dict[int, list[tuple[Node, Node]]] = {}
     for node, parent in figure.twice:
-        listed = "" if node in figure.listed else "; it is missing from joints, where it belongs"
-        message = f"joint {figure.name(node)} is reached twice (again under {figure.chart.reading.who(parent)}){listed}"
+        again.setdefault(id(node), []).append((node, parent))
+    for (node, parent), *more in again.values():
+        listed = "" if id(node) in listed_ids else "; it is missing from joints, where it belongs"
+        times = "twice" if not more else f"{len(more) + 2} times"
+        message = (
+            f"joint {figure.name(node)} is reached {times} (again under {figure.chart.reading.who(parent)}){listed}"
+        )
         add("T04", node, message + ": drawn and moved twice", "take the second one out of skeleton")
     for node in figure.joints:
         holder = figure.parent[id(node)]
@@ -233,6 +240,13 @@ def _version(figure: Figure) -> None:
         what = several(len(old), "joint", "joints")
         message = f"{what} of a 2.0 humanoid with older names ({some(old)}): motion and tools miss them"
         chart.add("V04", node, message, "rename by the alias table: convert --hanim 2.0")
+    parts = [chart.text(s, "name") for s, _ in figure.segments]
+    parts = [n for n in parts if tables.canonical(n, "segment") not in (None, n)]
+    if modern(figure) and parts:
+        what = several(len(parts), "segment", "segments")
+        chart.add(
+            "V04", node, f"{what} of a 2.0 humanoid with older names ({some(parts)})", "rename by the alias table"
+        )
     claim = chart.numbers(node, "loa")
     if not claim.size or not np.isfinite(claim[0]) or not 0 <= claim[0] <= 4:
         return

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vitruvian.hanim.doctor import Chart
-from vitruvian.hanim.doctor_words import closest, several, some
+from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.fields import container_of, fields_of, known, node_types, placement
 from vitruvian.hanim.graph import Literal, Node, Proto, Use
 
@@ -28,6 +28,7 @@ def examine(chart: Chart) -> None:
         chart.add("F01", None, message, f"version='{header_version(chart)}'", 1)
     _unknown(chart)
     _defs(chart)
+    _dangling(chart)
     for node in chart.nodes:
         _entries(chart, node)
     _cycles(chart)
@@ -67,13 +68,13 @@ def _unknown(chart: Chart) -> None:
         node, line = cases[0]
         more = f" ({len(cases)} times)" if len(cases) > 1 else ""
         if not field:
-            near = closest(kind, [*protos, *node_types()])
+            near = chart.closest(kind, [*protos, *node_types()])
             chart.add(
                 "F03", node, f"nobody knows a node {kind}{more}", f"perhaps {near} is meant" if near else "", line
             )
             continue
         words = [f.name for f in protos[kind].interface] if kind in protos else list(fields_of(kind))
-        near = closest(field, words)
+        near = chart.closest(field, words)
         what = "the PROTO" if kind in protos else "browsers"
         message = f"{kind} has no field {field}{more}: {what} ignore{'s' if kind in protos else ''} it"
         chart.add("F03", node, message, f"perhaps {near} is meant" if near else "", line)
@@ -100,21 +101,34 @@ def _defs(chart: Chart) -> None:
             chart.add("F04", node, f"DEF {node.name!r} holds {what}", "take it out, in its USEs and ROUTEs too")
 
 
+def _dangling(chart: Chart) -> None:
+    """F05: USEs of nothing, each name once."""
+    found: dict[str, list[tuple[Node | None, str, Use]]] = {}
+    for statement in chart.scene.body:
+        if isinstance(statement, Use) and statement.node is None:
+            found.setdefault(statement.name, []).append((None, "scene", statement))
+    for node in chart.nodes:
+        for field, entry in node.entries():
+            if isinstance(entry, Use) and entry.node is None:
+                found.setdefault(entry.name, []).append((node, field, entry))
+    for name, cases in found.items():
+        holder, field, entry = cases[0]
+        more = f" ({len(cases)} times)" if len(cases) > 1 else ""
+        message = f"{field}: USE {name} has no DEF before it{more}: browsers drop the node"
+        fix = f"move the DEF {name} before it" if name in chart.defs() else f"add DEF {name} or drop the USE"
+        chart.add("F05", holder, message, fix, entry.line)
+
+
 def _entries(chart: Chart, node: Node) -> None:
-    """F05: USEs of nothing; F06: children in a field where they have no effect."""
-    scene, kind = chart.scene, chart.reading.kind(node)
+    """F06: children in a field where they have no effect."""
+    kind = chart.reading.kind(node)
     for field, entry in node.entries():
-        if isinstance(entry, Use) and entry.node is None:
-            message = f"{field}: USE {entry.name} has no DEF before it: browsers drop the node"
-            later = entry.name in scene.defs()
-            fix = f"move the DEF {entry.name} before it" if later else f"add DEF {entry.name} or drop the USE"
-            chart.add("F05", node, message, fix, entry.line)
-            continue
         if not kind:
             continue
         right = right_field(chart, node, field, entry)
         target = entry.node if isinstance(entry, Use) else entry
-        assert target is not None
+        if target is None:
+            continue
         if right != field:
             message = f"{target.type} {entry.name} stands in {field} of {node.type}, where it has no effect"
             chart.add("F06", node, message, f"containerField='{right}'", entry.line)

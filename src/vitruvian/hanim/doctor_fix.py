@@ -12,9 +12,10 @@ from vitruvian.errors import VitruvianError
 from vitruvian.hanim.doctor import Chart
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_rules import RULES
-from vitruvian.hanim.graph import Node, Scene, Use
+from vitruvian.hanim.graph import Export, Node, Route, Scene, Use
 
 _PASSES = 4  # one repair may uncover another: a dropped pair leaves a sum of weights that is not 1
+_FIGURES = 100  # humanoids of a file that are repaired
 Wanted = frozenset[str]
 
 
@@ -42,6 +43,7 @@ def mend(scene: Scene, path: object = None, *, also: Iterable[str] = ()) -> list
     """Repair a scene in place; answers one line per repair, [] when there was nothing to do (so: idempotent).
 
     `also` names rules that are repaired only on request (`auto` "opt", and all of "part"), "all" for all of them.
+    Of a file with more than a hundred humanoids the first hundred are repaired.
     """
     from vitruvian.hanim import (
         doctor_fix_file,
@@ -69,7 +71,7 @@ def mend(scene: Scene, path: object = None, *, also: Iterable[str] = ()) -> list
             said = list(scene_step(chart, wanted))
             chart = Chart(scene, path) if said else chart
             lines += said
-        for node in [n for n in chart.nodes if chart.reading.kind(n) == "Humanoid"]:
+        for node in [n for n in chart.nodes if chart.reading.kind(n) == "Humanoid"][:_FIGURES]:
             figure = Figure(chart, node)
             for step in of_figure:
                 where = f"humanoid {figure.chart.text(node, 'name') or node.name}".strip()
@@ -136,20 +138,30 @@ class Names:
     def __init__(self, scene: Scene):
         self.scene = scene
         self.taken = {n.name for n in scene.walk() if n.name}
+        self.last: dict[str, int] = {}  # the number that a name was given last
         self.uses: dict[int, list[Use]] = {}
         for node in scene.walk():
             for _, entry in node.entries():
                 if isinstance(entry, Use) and entry.node is not None:
                     self.uses.setdefault(id(entry.node), []).append(entry)
+        self.routes: dict[str, list[Route]] = {}
+        self.exports: dict[str, list[Export]] = {}
         for statement in scene.body:
             if isinstance(statement, Use) and statement.node is not None:
                 self.uses.setdefault(id(statement.node), []).append(statement)
+            elif isinstance(statement, Route):
+                for end in {statement.from_node, statement.to_node}:
+                    self.routes.setdefault(end, []).append(statement)
+            elif isinstance(statement, Export):
+                self.exports.setdefault(statement.name, []).append(statement)
 
     def free(self, wanted: str) -> str:
         """`wanted`, numbered when it is taken; taken from now on."""
-        name, n = wanted, 2
+        name, n = wanted, self.last.get(wanted, 1)
         while name in self.taken:
-            name, n = f"{wanted}_{n}", n + 1
+            n += 1
+            name = f"{wanted}_{n}"
+        self.last[wanted] = n
         self.taken.add(name)
         return name
 
@@ -158,15 +170,14 @@ class Names:
 
         When another node has the old name too (`alone` False), only ROUTEs after this node mean it.
         """
-        from vitruvian.hanim.graph import Export
-
         old, node.name = node.name, new
         for use in self.uses.get(id(node), ()):
             use.name = new
-        for route in self.scene.routes():
-            if alone or not route.line or route.line >= node.line:
+        for route in self.routes.pop(old, []):
+            follows = alone or not route.line or route.line >= node.line
+            if follows:
                 route.from_node = new if route.from_node == old else route.from_node
                 route.to_node = new if route.to_node == old else route.to_node
-        for statement in self.scene.body:
-            if alone and isinstance(statement, Export) and statement.name == old:
-                statement.alias, statement.name = statement.alias or old, new
+            self.routes.setdefault(new if follows else old, []).append(route)
+        for export in self.exports.pop(old, []) if alone else ():
+            export.alias, export.name = export.alias or old, new

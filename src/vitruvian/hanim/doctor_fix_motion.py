@@ -15,7 +15,6 @@ from vitruvian.hanim.doctor_fix import Wanted
 from vitruvian.hanim.doctor_motion import first_position, motions, position_columns, stillness
 from vitruvian.hanim.doctor_routes import STEPS as INTERPOLATORS
 from vitruvian.hanim.doctor_routes import Events, in_degrees, interface, nearest_field, route_faults, timer_faults
-from vitruvian.hanim.doctor_words import closest
 from vitruvian.hanim.graph import Import, Node, Route
 
 
@@ -98,7 +97,7 @@ def _candidates(chart: Chart, route: Route, defs: dict[str, Node]) -> Iterator[R
     yield Route(route.to_node, turned[0], route.from_node, turned[1])
     ends = []
     for name, field in ((route.from_node, route.from_field), (route.to_node, route.to_field)):
-        near = name if name in defs else closest(name, list(defs))
+        near = name if name in defs else chart.closest(name, defs)
         if near not in defs:
             return
         known = interface(chart, defs[near], field)

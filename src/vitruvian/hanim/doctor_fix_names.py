@@ -15,6 +15,7 @@ from vitruvian.hanim.doctor_motion import motions
 from vitruvian.hanim.doctor_names import (
     DISPLACER_SUFFIXES,
     SITE_SUFFIXES,
+    STRANGERS,
     accepted,
     coordinates,
     near,
@@ -22,22 +23,36 @@ from vitruvian.hanim.doctor_names import (
     strangers,
     things,
 )
+from vitruvian.hanim.doctor_words import some
 from vitruvian.hanim.graph import Node, Use
 
 
 def _skeleton(figure: Figure, wanted: Wanted) -> Iterator[str]:
     """T04: each joint once in the skeleton."""
-    for joint, parent in figure.twice:
+    again = {id(joint) for joint, _ in figure.twice}
+    parents = {id(parent): parent for _, parent in figure.twice}
+    held_first = {id(j): figure.parent[id(j)] for j in figure.joints}
+    for parent in parents.values():
         field = "children"
         if parent is figure.node:
             field = "skeleton" if figure.node.children("skeleton") else "humanoidBody"
-        held = entries(parent, field)
-        uses = [k for k, e in enumerate(held) if isinstance(e, Use) and e.node is joint]
-        if uses:
-            held.pop(uses[-1])
-            parent.fields[field] = held
+        kept: list[Node | Use] = []
+        gone: list[Node] = []
+        seen: set[int] = set()
+        for entry in entries(parent, field):
+            joint = target(entry)
+            first = joint is not None and (held_first.get(id(joint)) or figure.node) is parent and id(joint) not in seen
+            if joint is not None and isinstance(entry, Use) and id(joint) in again and not first:
+                gone.append(joint)
+                continue
+            if joint is not None:
+                seen.add(id(joint))
+            kept.append(entry)
+        if gone:
+            parent.fields[field] = kept
             parent.order = []
-            yield f"second {figure.name(joint)} taken out of {field} (T04)"
+            names = list(dict.fromkeys(figure.name(j) for j in gone))
+            yield f"second {some(names)} taken out of {field} (T04)"
 
 
 def _names(figure: Figure, wanted: Wanted) -> Iterator[str]:
@@ -45,6 +60,7 @@ def _names(figure: Figure, wanted: Wanted) -> Iterator[str]:
     chart = figure.chart
     new_names = modern(figure)
     present = {(chart.text(n, "name"), kind) for n, kind in things(figure)}
+    strange = 0
     for thing, kind in things(figure):
         name = chart.text(thing, "name")
         if not name:
@@ -54,7 +70,8 @@ def _names(figure: Figure, wanted: Wanted) -> Iterator[str]:
         elif kind == "joint" and tables.humanoid_root(name):
             new, rule = expected_root(figure), "V05"
         elif kind != "site" and tables.canonical(name, kind) is None:
-            new, rule = near(name, kind), "N02"
+            strange += 1
+            new, rule = near(name, kind) if strange < STRANGERS else "", "N02"
         elif kind != "site" and new_names:
             new, rule = tables.canonical(name, kind) or "", "V04"
         else:

@@ -9,7 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from vitruvian.hanim import tables
-from vitruvian.hanim.doctor_words import several
+from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.graph import Node
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vitruvian.hanim.doctor_figure import Figure
 
 _APIECE = 3  # nameless things of a kind that are told one by one
-_STRANGERS = 100  # names that are not in the tables, for which a near one is looked up
+STRANGERS = 100  # names that are not in the tables, for which a near one is looked up
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _SIDES = {"l": "l", "left": "l", "r": "r", "right": "r"}
 SITE_SUFFIXES = ("_tip", "_view", "_pt")
@@ -46,7 +46,7 @@ def things(figure: Figure) -> list[tuple[Node, str]]:
 def examine(figure: Figure) -> None:
     """N01 to N04, N06 and N07."""
     add, text = figure.chart.add, figure.chart.text
-    strange = 0
+    strange, added = 0, []
     _nameless(figure)
     for node, kind in things(figure):
         name = text(node, "name")
@@ -54,11 +54,15 @@ def examine(figure: Figure) -> None:
             continue
         if kind != "site" and tables.canonical(name, kind) is None:
             strange += 1
-            close = near(name, kind) if strange < _STRANGERS else ""
+            close = near(name, kind) if strange < STRANGERS else ""
             if close:
                 add("N02", node, f"{kind} name {name} is not standard though close to one", f"name='{close}'")
             elif kind == "joint":
-                add("N03", node, f"joint name {name} is not in the tables: taken for an addition")
+                added.append(node)
+    for node in added if len(added) <= _APIECE else added[:1]:
+        what = f"joint name {text(node, 'name')} is" if len(added) <= _APIECE else f"{len(added)} joint names are"
+        names = "" if len(added) <= _APIECE else f" ({some([text(n, 'name') for n in added])})"
+        add("N03", node, f"{what} not in the tables{names}: taken for an addition")
     alike: dict[str, list[Node]] = defaultdict(list)
     for joint in figure.joints:
         alike[text(joint, "name")].append(joint)

@@ -12,7 +12,7 @@ from vitruvian.hanim import doctor_motion
 from vitruvian.hanim.animation import event
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.doctor_words import closest, several, some
+from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.fields import field as field_of
 from vitruvian.hanim.fields import fields_of, known
 from vitruvian.hanim.graph import Import, Node, Route
@@ -25,6 +25,7 @@ STEPS = {
     "PositionInterpolator2D": 2,
 }
 _STILL = 1e-6
+_CHAIN = 4  # nodes between a sensor and the clock that it starts
 _RADIANS = 2 * np.pi * 1.05  # the largest angle that a turn in radians usually has
 _WHO_WAITS = {"TouchSensor", "ProximitySensor", "VisibilitySensor", "KeySensor", "StringSensor", "PlaneSensor"}
 _WHO_WAITS |= {"SphereSensor", "CylinderSensor"}
@@ -41,7 +42,7 @@ class Events:
 
 def examine(chart: Chart, figures: list[Figure]) -> None:
     """M07 to M13, M22, and M18 of interpolators."""
-    events = Events(chart.scene.defs(), defaultdict(list), defaultdict(list))
+    events = Events(chart.defs(), defaultdict(list), defaultdict(list))
     imported = {s.alias or s.name for s in chart.scene.body if isinstance(s, Import)}
     for route in chart.scene.routes():
         faults = route_faults(chart, route, events.defs, imported)
@@ -86,7 +87,7 @@ def route_faults(chart: Chart, route: Route, defs: dict[str, Node], imported: se
         node = defs.get(name)
         if node is None:
             if name not in imported:
-                near = closest(name, list(defs))
+                near = chart.closest(name, defs)
                 fix = f"perhaps {near} is meant" if near else f"add DEF {name} or drop the ROUTE"
                 found.append((f"ROUTE {end} {name}.{field}: there is no DEF {name}", fix))
             continue
@@ -138,7 +139,7 @@ def nearest_field(chart: Chart, node: Node, field: str) -> str:
         names = [f.name for f in chart.reading.protos[node.type].interface]
     else:
         names = [*fields_of(node.type), *(f.name for f in node.interface)]
-    return closest(field, names) or closest(event(field), names)
+    return chart.closest(field, names) or chart.closest(event(field), names)
 
 
 # Who drives what
@@ -276,6 +277,29 @@ def _timer(chart: Chart, node: Node, events: Events) -> None:
         chart.add("M09", node, message, fix)
     for field in ("startTime", "enabled", "resumeTime", "loop"):
         for route in events.into.get((node.name, field), []):
-            source = events.defs[route.from_node]
-            if source.type in _WHO_WAITS:
+            source = _sensor(events, events.defs[route.from_node])
+            if source is not None:
                 chart.add("M12", node, f"waits for {source.type} {source.name}", "", route.line)
+
+
+def _sensor(events: Events, node: Node) -> Node | None:
+    """The sensor that waits for somebody at the head of a chain of Scripts, filters and triggers."""
+    seen: set[str] = set()
+    for _ in range(_CHAIN):
+        if node.type in _WHO_WAITS:
+            return node
+        seen.add(node.name)
+        heads = [
+            r.from_node
+            for f in ("boolean", "touchTime", "triggerTime", *_own(node))
+            for r in events.into.get((node.name, f), [])
+        ]
+        fresh = [h for h in heads if h not in seen]
+        if node.type == "TimeSensor" or not fresh:
+            return None
+        node = events.defs[fresh[0]]
+    return None
+
+
+def _own(node: Node) -> list[str]:
+    return [event(f.name) for f in node.interface if f.access in {"inputOnly", "inputOutput"}]
