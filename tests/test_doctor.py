@@ -230,11 +230,11 @@ def test_no_content_is_too_bad(edits: list[tuple[int, str]], everything: bool) -
 def crowds() -> dict[str, str]:
     """Files that hold very many of one defect."""
     head, tail = GOOD.split("<TimeSensor", 1)
-    many = range(20_000)
+    many = range(5_000)
     return {
         "unknown nodes": head + "".join(f"<Grop{k}/>" for k in many) + "<TimeSensor" + tail,
-        "same DEFs": head + '<Group DEF="a"/>' * 20_000 + "<TimeSensor" + tail,
-        "dangling USEs": head + '<Group USE="a"/>' * 20_000 + "<TimeSensor" + tail,
+        "same DEFs": head + '<Group DEF="a"/>' * 5_000 + "<TimeSensor" + tail,
+        "dangling USEs": head + '<Group USE="a"/>' * 5_000 + "<TimeSensor" + tail,
         "lost ROUTEs": head
         + "<TimeSensor"
         + tail.replace(
@@ -243,7 +243,7 @@ def crowds() -> dict[str, str]:
         ),
         "second roots": GOOD.replace(
             '<HAnimSite USE="hanim_navel_pt" containerField="sites"/>',
-            '<HAnimJoint USE="hanim_vl5" containerField="skeleton"/>' * 20_000,
+            '<HAnimJoint USE="hanim_vl5" containerField="skeleton"/>' * 5_000,
         ),
         "strange joints": GOOD.replace(ELBOW, "".join(f'<HAnimJoint name="l_elbo{k}x"/>' for k in many) + ELBOW),
     }
@@ -258,8 +258,8 @@ def test_many_defects_take_bounded_time(kind: str) -> None:
     assert check(scene)
     middle = time.process_time()
     mend(scene)
-    assert middle - start < 5
-    assert time.process_time() - middle < 15
+    assert middle - start < 3
+    assert time.process_time() - middle < 8
 
 
 def test_json_findings_carry_the_way_to_the_object() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from doctor_cases import BULGE
-from scene_figure import GOOD, MOTION, good, typed
+from scene_figure import GOOD, MOTION, VRML, good, typed
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
 from vitruvian.errors import VitruvianError
@@ -158,6 +158,18 @@ def test_a_robot_is_baked(shared: Path) -> None:
     np.testing.assert_allclose(after, before, atol=1e-9)
     (h,) = humanoids(scene)
     assert len({tuple(np.round(j.center, 6)) for j in h.joints()}) >= 15
+
+
+def test_prototypes_may_have_another_default() -> None:
+    """What a joint leaves to its PROTO counts as its pose, and is written out neutral once it is baked."""
+    text = VRML.replace("SFRotation rotation 0 0 1 0", "SFRotation rotation 1 0 0 0.25")
+    scene = parse_vrml(text.encode(), "nobody.wrl")
+    _, before = picture(scene, None)
+    assert any("the pose of 2 joints baked" in line for line in mend(scene))
+    _, after = picture(scene, None)
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    assert mend(scene) == []
+    assert "P01" not in {f.rule for f in check(scene)}
 
 
 # Names and DEFs

@@ -20,8 +20,9 @@ from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_fix import Wanted, entries, target
 from vitruvian.hanim.doctor_motion import motions
 from vitruvian.hanim.doctor_pose import crooked_pairs, misplaced, placement, whole_body
-from vitruvian.hanim.doctor_space import at_rest, matrix, mesh, rest_matrices, rows, vector
-from vitruvian.hanim.graph import Node, Use
+from vitruvian.hanim.doctor_space import DEFAULTS, at_rest, matrix, mesh, rest_matrices, rows, vector
+from vitruvian.hanim.graph import Literal, Node, Use
+from vitruvian.hanim.reading import leniently
 from vitruvian.hanim.surface import matrix as placed
 
 _UNITS = (0.001, 0.01, 0.0254, 0.1, 0.3048, 10.0, 100.0)  # mm, cm, inch, dm, foot and their like
@@ -35,7 +36,7 @@ def _bake(figure: Figure, wanted: Wanted) -> Iterator[str]:
     moved = [j for j in figure.joints if not at_rest(chart, j)]
     if not moved:
         return
-    poses = rest_matrices(figure)
+    poses, bent = rest_matrices(figure), {id(j) for j in moved}
     tracks = _tracks(figure, poses)
     if tracks is None or any(
         abs(np.linalg.det(m[:3, :3])) < _TINY or np.linalg.det(m[:3, :3]) < 0 for m in poses.values()
@@ -56,10 +57,9 @@ def _bake(figure: Figure, wanted: Wanted) -> Iterator[str]:
             displacer.fields["displacements"] = moves @ poses[id(owner)][:3, :3].T
     centers = {id(j): _move(poses[id(j)], vector(chart, j, "center")) for j in figure.joints}
     for joint in figure.joints:
-        if not np.array_equal(poses[id(joint)], np.eye(4)):
+        if id(joint) in bent or not np.array_equal(poses[id(joint)], np.eye(4)):
             joint.fields["center"] = centers[id(joint)]
-            for field in _PLACES:
-                joint.fields.pop(field, None)
+            _still(figure, joint)
     for interpolator, values in tracks:
         interpolator.fields["keyValue"] = values
     yield f"the pose of {len(moved)} joints baked into centres, skin and segments; all joints are at rest (P01)"
@@ -167,14 +167,21 @@ def _carry(figure: Figure, owner: Node, pose: Floats) -> None:
         kind = chart.reading.kind(child) if child is not None else "Joint"
         if kind == "Site" and child is not None:
             fields = _fields(pose @ matrix(chart, child))
-            child.fields.pop("center", None)
-            for field in _PLACES:
-                child.fields.pop(field, None)
+            _still(figure, child, center=True)
             child.fields |= fields
         (kept if kind else carried).append(entry)
     if carried:
         owner.fields["children"] = [*kept, Node("Transform", fields={**_fields(pose), "children": carried})]
         owner.order = []
+
+
+def _still(figure: Figure, node: Node, *, center: bool = False) -> None:
+    """Take the fields away that place a node; written out where its prototype has another default."""
+    for field in (*_PLACES, "center") if center else _PLACES:
+        node.fields.pop(field, None)
+        default = figure.chart.reading.raw(node, field)
+        if isinstance(default, Literal) and not np.array_equal(leniently(default.text), DEFAULTS[field]):
+            node.fields[field] = np.array(DEFAULTS[field])
 
 
 def _fields(pose: Floats) -> dict[str, object]:

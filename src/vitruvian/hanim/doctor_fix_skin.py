@@ -71,13 +71,15 @@ def _sums(figure: Figure, wanted: Wanted) -> Iterator[str]:
     """S06, S03: each point once per joint, its weights sum to 1. Joints with other counts of weights wait for S01."""
     if figure.skin_coord is None or not len(figure.points):
         return
+    for joint in figure.joints:
+        index, weight = _pairs(figure, joint)
+        if ((index < 0) | (index >= len(figure.points))).any() or not np.isfinite(weight).all():
+            return
     pairs: dict[int, tuple[Ints, Floats]] = {}
     changed: set[int] = set()
     total, fixed = np.zeros(len(figure.points)), np.ones(len(figure.points), bool)
     for joint in figure.joints:
         index, weight = _pairs(figure, joint)
-        if ((index < 0) | (index >= len(figure.points))).any() or not np.isfinite(weight).all():
-            return
         if len(index) != len(weight):
             n = min(len(index), len(weight))
             if len(weight):  # browsers use the last weight again: those points can't be scaled by themselves

@@ -9,7 +9,7 @@ from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.graph import Node
 
-_DEFAULTS = {
+DEFAULTS = {
     "translation": (0.0, 0.0, 0.0),
     "center": (0.0, 0.0, 0.0),
     "rotation": (0.0, 0.0, 1.0, 0.0),
@@ -21,7 +21,7 @@ _DEFAULTS = {
 def vector(chart: Chart, node: Node, field: str) -> Floats:
     """(n,) a field of the five that place things, its default when absent or unusable; axes of length 1."""
     given = chart.numbers(node, field)
-    default = np.array(_DEFAULTS[field])
+    default = np.array(DEFAULTS[field])
     if given.size != default.size or not np.isfinite(given).all():
         return default
     if default.size == 4:
@@ -32,9 +32,9 @@ def vector(chart: Chart, node: Node, field: str) -> Floats:
 
 def matrix(chart: Chart, node: Node) -> Floats:
     """(4, 4) of what places a node among its siblings; the identity when no field does."""
-    if not any(field in node.fields for field in _DEFAULTS) and node.type not in chart.reading.protos:
+    if not any(field in node.fields for field in DEFAULTS) and node.type not in chart.reading.protos:
         return np.eye(4)
-    return surface.matrix(*(vector(chart, node, field) for field in _DEFAULTS))
+    return surface.matrix(*(vector(chart, node, field) for field in DEFAULTS))
 
 
 def rows(array: Floats) -> Floats:
@@ -44,10 +44,10 @@ def rows(array: Floats) -> Floats:
 
 def at_rest(chart: Chart, joint: Node) -> bool:
     """Whether a joint is neither turned nor moved nor scaled in the file."""
-    rotation, translation = chart.numbers(joint, "rotation"), chart.numbers(joint, "translation")
-    scale = chart.numbers(joint, "scale")
-    turned = rotation.size == 4 and bool(rotation[3] != 0) and bool(rotation[:3].any())
-    return not (turned or translation.any() or (scale.size == 3 and bool((scale != 1).any())))
+    if not any(field in joint.fields for field in DEFAULTS) and joint.type not in chart.reading.protos:
+        return True
+    turned = vector(chart, joint, "rotation")[3] != 0
+    return not (turned or vector(chart, joint, "translation").any() or (vector(chart, joint, "scale") != 1).any())
 
 
 def rest_matrices(figure: Figure) -> dict[int, Floats]:
