@@ -12,8 +12,9 @@ from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure, loose_shapes, modern
 from vitruvian.hanim.doctor_fix import Names, Wanted, entries, put, take, target
 from vitruvian.hanim.doctor_skin import WEIGHT_TOLERANCE, displaceable, faces
-from vitruvian.hanim.doctor_space import rows, vector
+from vitruvian.hanim.doctor_space import rows, segment_points, vector
 from vitruvian.hanim.graph import Node, Use
+from vitruvian.hanim.view import walk_groups
 
 Ints = NDArray[np.int64]
 
@@ -203,7 +204,8 @@ def _faces(figure: Figure, wanted: Wanted) -> Iterator[str]:
         return
     shapes = list(figure.skin)
     for segment, _ in figure.segments:
-        shapes += [n for n in surface_nodes(figure.chart, segment) if n.type == "Shape"]
+        below = walk_groups(figure.chart.reading, segment.children("children"))
+        shapes += [n for n in below if n.type == "Shape"]
     for shape in shapes:
         for geometry in shape.children("geometry"):
             found = faces(figure.chart, geometry)
@@ -226,13 +228,6 @@ def _drop_faces(chart: Chart, geometry: Node, field: str, first: Ints, last: Int
             geometry.fields[other] = index[places].astype(np.int32)
         elif len(index) == len(first):
             geometry.fields[other] = index[kept].astype(np.int32)
-
-
-def surface_nodes(chart: Chart, segment: Node) -> Iterator[Node]:
-    """Groups and shapes below a segment."""
-    from vitruvian.hanim.view import walk_groups
-
-    return walk_groups(chart.reading, segment.children("children"))
 
 
 def _skin_coord(figure: Figure, wanted: Wanted) -> Iterator[str]:
@@ -270,17 +265,14 @@ def _shape(figure: Figure, wanted: Wanted) -> Iterator[str]:
             field = next(f for f, entry in holder.entries() if entry is shape)
             take(holder, field, shape)
         put(node, "skin", shape)
-        late = node.fields.pop("skinCoord")  # a USE of the Coordinate in the shape stands behind it
-        if isinstance(target(next(iter(_listed(late)))), Node) and isinstance(next(iter(_listed(late))), Use):
-            node.fields["skinCoord"] = late
+        coords = entries(node, "skinCoord")
+        late = node.fields.pop("skinCoord")
+        if any(isinstance(c, Use) for c in coords):
+            node.fields["skinCoord"] = late  # a USE of the Coordinate in the shape stands behind it
         else:
             node.fields = {"skinCoord": late, **node.fields}
         yield f"Shape {shape.name} moved into skin (M05)"
         return
-
-
-def _listed(value: object) -> list[Node | Use]:
-    return [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, Node | Use)]
 
 
 def _displacers(figure: Figure, wanted: Wanted) -> Iterator[str]:
@@ -333,8 +325,6 @@ def _stray(figure: Figure, wanted: Wanted) -> Iterator[str]:
 
 
 def _nearest_joint(figure: Figure, holder: Node) -> Node:
-    from vitruvian.hanim.doctor_space import segment_points
-
     points, _ = segment_points(figure.chart, Node("Group", fields={"children": [holder]}))
     if not len(points):
         return figure.joints[0]
