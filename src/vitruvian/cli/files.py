@@ -104,10 +104,14 @@ def info(
     emit(document, "\n".join(lines), as_json)
 
 
-@app.command(epilog="Example: vitruvian check body.x3d")
+@app.command(epilog="Example: vitruvian check body.x3d --fix mended.x3d --also S04,P03")
 def check(
-    files: list[Path] = typer.Argument(..., help="X3D, VRML or glTF files."),
+    files: list[Path] | None = typer.Argument(None, help="X3D, VRML, glTF, VRM or USD files."),
     out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
+    also: str = typer.Option("", help="With --fix: rules to repair as well that are repaired on request only, or all."),
+    why: bool = typer.Option(False, "--why", help="Say beside each finding why it matters."),
+    schema: bool = typer.Option(False, "--schema", help="Ask the X3D XML schema too (rule F09); half a second more."),
+    rules: bool = typer.Option(False, "--rules", help="List all rules instead: what each finds, why, what to do."),
     as_json: bool = Json,
 ) -> None:
     """Say what is wrong in H-Anim files, where, and what to do about it. Exit status 1 when there are errors.
@@ -118,23 +122,39 @@ def check(
 
     from vitruvian.formats.registry import check as examine
     from vitruvian.formats.registry import fix
+    from vitruvian.hanim.doctor_rules import RULES, SEVERITIES, rules_text
 
+    if rules:
+        listed = [asdict(r) | {"severity": SEVERITIES[r.severity]} for r in RULES.values()]
+        emit(listed, rules_text(), as_json)
+        return
+    if not files:
+        raise VitruvianError("check: expected files (or --rules)")
+    repairs: list[str] = []
     if out is not None:
         if len(files) != 1:
             raise VitruvianError(f"--fix: expected one file to repair, found {len(files)}")
-        for line in fix(files[0], out):
+        repairs = fix(files[0], out, also=also.replace(",", " ").split())
+        for line in repairs or ["nothing to repair"]:
             say(line)
         files = [out]
+    elif also:
+        raise VitruvianError("--also: says what --fix repairs; give --fix OUT")
     documents, lines = [], []
     for file in files:
-        findings = examine(file)
+        findings = examine(file, schema=schema)
         ok = not any(f.severity == "error" for f in findings)
-        documents.append({"file": str(file), "ok": ok, "findings": [asdict(f) for f in findings]})
-        tally = {s: sum(f.severity == s for f in findings) for s in ("error", "warning", "note")}
+        document = {"file": str(file), "ok": ok, "findings": [asdict(f) | {"why": f.why} for f in findings]}
+        documents.append(document | ({"repairs": repairs} if out is not None else {}))
+        tally = {s: sum(f.severity == s for f in findings) for s in SEVERITIES.values()}
         lines.append(f"{file}: " + (", ".join(count(n, s) for s, n in tally.items() if n) or "nothing to say"))
         for f in findings:
             where = f"{file}:{f.line}" if f.line else str(file)
             lines.append(f"  {where}: {f.severity} {f.rule} {f.where}: {f.message}" + (f" ({f.fix})" if f.fix else ""))
+            lines += [f"      {f.why}"] if why else []
+        more = sorted({f.rule for f in findings if RULES[f.rule].auto in {"opt", "part"}})
+        if more and out is not None:
+            lines.append(f"  on request: --also {','.join(more)}")
     emit(documents, "\n".join(lines), as_json)
     if not all(d["ok"] for d in documents):
         raise typer.Exit(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -227,17 +227,55 @@ def write_scene(graph: Scene, path: str | Path) -> None:
         write_vrml(graph, path)
 
 
-def check(path: str | Path) -> list[Finding]:
-    """What is wrong in an H-Anim file and what to do about it. A file that can't be read is a finding."""
+def check(path: str | Path, *, schema: bool = False) -> list[Finding]:
+    """What is wrong in an H-Anim file and what to do about it. A file that can't be read is a finding.
+
+    `schema` asks the X3D XML schema too (half a second once).
+    """
     from vitruvian.hanim.doctor import check as examine
-    from vitruvian.hanim.doctor import unreadable
+    from vitruvian.hanim.doctor import sort, unreadable
 
     try:
-        if extension(_existing(path)) in FIGURES:
-            return examine(_as_scene(path), path)
-        return examine(scene(path), path)
+        graph, found = _examined(path)
     except FileError as e:
-        return [unreadable(e)]
+        return [unreadable(e, _line(path, e.line))]
+    found = found + examine(graph, path)
+    if schema and graph.encoding == "x3d":
+        from vitruvian.formats.schema import complaints
+
+        found += complaints(path)
+    return sort(found)
+
+
+def _line(path: str | Path, number: int) -> str:
+    """The text of a line of a file that could not be read, shortened; "" when it can't be shown."""
+    from itertools import islice
+
+    if number < 1:
+        return ""
+    try:
+        with open(path, "rb") as file:
+            text = next(islice(file, number - 1, None), b"")[:2000].decode("utf-8", "replace")
+    except OSError:
+        return ""
+    text = " ".join(text.split())
+    return (text if len(text) <= 80 else text[:77] + "...") if text.isprintable() else ""
+
+
+def _examined(path: str | Path) -> tuple[Scene, list[Finding]]:
+    """The scene of a file, read in spite of a wrong header, which is a finding (F01)."""
+    if extension(_existing(path)) in (*FIGURES, *USD):
+        return _as_scene(path), []
+    try:
+        return scene(path), []
+    except FileError:
+        from vitruvian.formats.header import recovered
+
+        path = _existing(path)
+        saved = recovered(path, extension(path))
+        if saved is None:
+            raise
+        return saved
 
 
 def _as_scene(path: str | Path) -> Scene:
@@ -250,12 +288,16 @@ def _as_scene(path: str | Path) -> Scene:
     return scene_of(found)[0]
 
 
-def fix(path: str | Path, out: str | Path) -> list[str]:
-    """Repair what has one right repair in an H-Anim file and write it in the same encoding; one line a repair."""
+def fix(path: str | Path, out: str | Path, *, also: Iterable[str] = ()) -> list[str]:
+    """Repair what has one right repair in an H-Anim file and write it in the same encoding; one line a repair.
+
+    `also` names rules that are repaired on request only, "all" for all of them.
+    """
     from vitruvian.hanim.doctor_fix import mend
 
-    graph = scene(path)
-    done = mend(graph, path)
+    graph, found = _examined(path)
+    done = [f"{f.message}: written anew (F01)" for f in found]
+    done += mend(graph, path, also=also)
     if extension(Path(out)) != f".{graph.encoding}":
         raise VitruvianError(f"{out}: a repaired file keeps its encoding; expected .{graph.encoding}")
     write_scene(graph, out)

@@ -21,14 +21,23 @@ _DEPTH = 512
 
 def transform_of(reading: Reading, node: Node) -> Floats:
     """(4, 4) of a Transform's fields: T C R SR S -SR -C, column vectors."""
-    center = reading.vector(node, "center", (0, 0, 0))
-    turn = _turn(reading.vector(node, "rotation", (0, 0, 1, 0)))
-    so = _turn(reading.vector(node, "scaleOrientation", (0, 0, 1, 0)))
-    linear = turn @ so @ np.diag(reading.vector(node, "scale", (1, 1, 1))) @ so.T
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    matrix[:3, 3] = reading.vector(node, "translation", (0, 0, 0)) + center - linear @ center
-    return matrix
+    return matrix(
+        reading.vector(node, "translation", (0, 0, 0)),
+        reading.vector(node, "center", (0, 0, 0)),
+        reading.vector(node, "rotation", (0, 0, 1, 0)),
+        reading.vector(node, "scale", (1, 1, 1)),
+        reading.vector(node, "scaleOrientation", (0, 0, 1, 0)),
+    )
+
+
+def matrix(translation: Floats, center: Floats, rotation: Floats, scale: Floats, orientation: Floats) -> Floats:
+    """(4, 4) T C R SR S -SR -C of the five fields that Transform, Joint, Site and Humanoid share; unit axes."""
+    so = _turn(orientation)
+    linear = _turn(rotation) @ so @ np.diag(scale) @ so.T
+    placed = np.eye(4)
+    placed[:3, :3] = linear
+    placed[:3, 3] = translation + center - linear @ center
+    return placed
 
 
 def _turn(rotation: Floats) -> Floats:
