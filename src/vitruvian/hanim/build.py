@@ -212,7 +212,7 @@ class Builder:
     def _of_the_draft(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
         """What X3D 4.1 adds: displacers of the humanoid itself, poses and other children."""
         if self.table != members.DRAFT:
-            gone = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
+            gone: dict[str, list] = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
             self.missing.update({f"Humanoid.{field}": len(things) for field, things in gone.items() if things})
             return
         if h.skin_displacers:

@@ -178,6 +178,10 @@ class Reading:
             return self._shared[key]
         return self._many(node, field, kind, width)
 
+    def was_read(self, node: Node, field: str) -> bool:
+        """Whether `numbers` has answered this shared array before."""
+        return (id(node), field) in self._shared
+
     def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
         array = self._numbers(node, field, kind)
@@ -240,19 +244,6 @@ class Reading:
             self.mend(node, field, default)
             return default
 
-    def flags(self, node: Node, field: str) -> list[bool]:
-        """Several TRUEs and FALSEs; anything else is refused."""
-        raw = self.raw(node, field)
-        if raw is None:
-            return []
-        try:
-            value = parse(raw, "MFBool", self.path) if isinstance(raw, Literal) else raw
-        except FileError as error:
-            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            self.mend(node, field, None)
-            return []
-        return [bool(v) for v in value] if isinstance(value, list | tuple) else [bool(value)]
-
     def text(self, node: Node, field: str, default: str = "") -> str:
         """A string."""
         raw = self.raw(node, field)
@@ -278,6 +269,25 @@ class Reading:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
             self.mend(node, field, default)
             return default
+
+    def softly(self, node: Node, field: str, kind: str, default: object) -> object:
+        """The value of a field that no movement depends on: unreadable, it is the default, with a warning.
+
+        Lengths and angles are in SI units; a rotation has a unit axis.
+        """
+        raw = self.raw(node, field)
+        if raw is None:
+            return default
+        try:
+            value = parse(raw, kind, self.path) if isinstance(raw, Literal) else raw
+        except FileError as error:
+            self.defect(f"unreadable {field}", f"{self.who(node)} {field}: {error.what}; read as its default", node)
+            return default
+        if kind == "SFRotation":
+            return self._rotation(np.array(value, dtype=np.float64), node, field)
+        if field in _LENGTHS:
+            return np.asarray(value, dtype=np.float64) * self.length
+        return value
 
     def who(self, node: Node) -> str:
         """How messages call a node: its kind and its name or DEF."""

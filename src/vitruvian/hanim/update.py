@@ -105,8 +105,8 @@ def _parts_differ(pairs: list[tuple[Humanoid | None, Humanoid]]) -> bool:
 def _things(h: Humanoid) -> list[Humanoid | Joint | Segment | Site | Displacer | Pose | Viewpoint]:
     sites = [*h.all_sites(), *h.viewpoints]
     cameras = [v for s in sites for v in s.viewpoints]
-    poses = [p for pose in h.poses for p in (pose, *pose.joints)]
-    return [h, *h.joints(), *h.segments(), *sites, *h.displacers(), *cameras, *poses]
+    posed = [j for pose in h.poses for j in pose.joints]
+    return [h, *h.joints(), *h.segments(), *sites, *h.displacers(), *cameras, *h.poses, *posed]
 
 
 def _shapes(h: Humanoid) -> list[Shape]:
