@@ -118,8 +118,7 @@ def add_masses(joints: dict[str, Joint], points: Floats, pieces: mass.Wedges) ->
     piece per joint) and answer the whole mass, kg: the volume of the body times its density.
     """
     volume, first, second = mass.filled(points, pieces, mass.bones(list(joints.values())))
-    a, b, c = (points[pieces.triangles[:, k]] for k in range(3))
-    whole = float(pieces.sign @ np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+    whole = mass.enclosed(points, pieces)
     density = whole * mass.DENSITY / volume[volume > 0].sum()
     for joint, m in zip(
         joints.values(), mass.pieces_of(volume, first, second, np.full(len(volume), density)), strict=True
