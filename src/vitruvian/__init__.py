@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "load": "formats.registry",
+    "humanoids": "formats.registry",
     "save": "formats.registry",
     "check": "formats.registry",
     "Humanoid": "hanim.humanoid",
@@ -22,10 +23,15 @@ _WHERE = {
     "joint_matrices": "body.kinematics",
     "Motion": "motion.types",
     "retarget": "motion.retarget",
+    "motion_of": "motion.tracks",
     "walk": "motion.gait",
     "idle": "motion.idle",
     "deformer": "deform.deformer",
     "person": "modeling.person",
+    "masses": "modeling.mass",
+    "whole_body": "modeling.mass",
+    "feature_points": "modeling.features",
+    "add_feature_points": "modeling.features",
     "Mesh": "stage.clip",
     "Clip": "stage.clip",
     "show": "show.live",
@@ -46,13 +52,19 @@ if TYPE_CHECKING:
     from vitruvian.errors import VitruvianError as VitruvianError
     from vitruvian.errors import VitruvianWarning as VitruvianWarning
     from vitruvian.formats.registry import check as check
+    from vitruvian.formats.registry import humanoids as humanoids
     from vitruvian.formats.registry import load as load
     from vitruvian.formats.registry import save as save
     from vitruvian.hanim.humanoid import Humanoid as Humanoid
+    from vitruvian.modeling.features import add_feature_points as add_feature_points
+    from vitruvian.modeling.features import feature_points as feature_points
+    from vitruvian.modeling.mass import masses as masses
+    from vitruvian.modeling.mass import whole_body as whole_body
     from vitruvian.modeling.person import person as person
     from vitruvian.motion.gait import walk as walk
     from vitruvian.motion.idle import idle as idle
     from vitruvian.motion.retarget import retarget as retarget
+    from vitruvian.motion.tracks import motion_of as motion_of
     from vitruvian.motion.types import Motion as Motion
     from vitruvian.show.live import show as show
     from vitruvian.stage.clip import Clip as Clip

@@ -7,7 +7,7 @@ with weight 1 on its joint. Source: ISO/IEC 19774-1, Humanoid, Joint, Segment, S
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -182,6 +182,8 @@ def _skin(humanoid: Humanoid, joints: list[Joint]) -> Skin:
             owner.append(np.full(len(index), i, np.int32))
             weight.append(value)
             morphs += [m for d in joint.displacers if (m := _morph(d, joint.name, count, i)) is not None]
+        own = (_morph(d, humanoid.name, count, 0) for d in humanoid.skin_displacers)
+        morphs += [replace(m, before=True) for m in own if m is not None]
         for n, shape in enumerate(deforming):
             surface.add_shape(shape, 0, f"skin {n}")
     for n, shape in enumerate(s for s in humanoid.skin if s.points is not None):
@@ -280,10 +282,11 @@ def _add_holder(surface: _Surface, holder: Segment | Site, frame: Floats) -> lis
 
 
 def _segment_morphs(displacer: Displacer, segment: Segment, starts: list[tuple[Shape, int]], joint: int) -> list[Morph]:
-    """A Segment's displacer moves the points of Segment.coord, that is of its first shape and of those equal to it."""
+    """A Segment's displacer moves the points of Segment.coord (those of its first shape when not given) and of shapes
+    with equal ones."""
     if not starts:
         return []
-    model = starts[0][0].points
+    model = starts[0][0].points if segment.coord is None else segment.coord
     assert model is not None
     morph = _morph(displacer, segment.name, len(model), joint)
     if morph is None:

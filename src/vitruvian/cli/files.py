@@ -33,9 +33,18 @@ def _humanoid_facts(h: Humanoid) -> dict[str, Any]:
         "sites": len({id(s) for s in [*h.all_sites(), *h.viewpoints]}),
         "displacers": len(h.displacers()),
         "motions": len(h.motions) + len({t.timer for t in h.tracks}),
+        "clips": _clips(h),
         "vertices": vertices,
         "triangles": triangles,
     }
+
+
+def _clips(h: Humanoid) -> list[dict[str, Any]]:
+    if not h.motions and not h.tracks:
+        return []
+    from vitruvian.motion.tracks import clip_names
+
+    return [{"name": name, "seconds": round(seconds, 3)} for name, seconds in clip_names(h).items()]
 
 
 def _self_facts() -> dict[str, Any]:
@@ -84,6 +93,7 @@ def info(
         f"{h['name'] or '(no name)'}: H-Anim {h['version']}, LOA {h['loa']}, {count(h['joints'], 'joint')}, "
         f"{count(h['segments'], 'segment')}, {count(h['sites'], 'site')}, {count(h['displacers'], 'displacer')}, "
         f"{count(h['motions'], 'motion')}, {h['vertices']:,} vertices, {count(h['triangles'], 'triangle')}"
+        + "".join(f"\n  clip {c['name']}: {c['seconds']:g} s" for c in h["clips"])
         for h in figures
     ]
     for thing in found:
@@ -166,7 +176,8 @@ def convert(
     target: Path = typer.Argument(..., metavar="OUT", help="File to write; its extension says the format."),
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
     loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
-    name: str | None = typer.Option(None, help="Which humanoid, when the file holds several."),
+    name: str | None = typer.Option(None, help="Which humanoid, when the file holds several (scenes: all of them)."),
+    clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
     bake: bool = Bake,
     repair: bool = Repair,
@@ -183,7 +194,10 @@ def convert(
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
     if names is not None and registry.extension(source) not in registry.FIGURES:
         raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
-    thing = registry.load(source, name=name, repair=repair, **({} if names is None else {"names": names}))
+    several = name is None and loa is None and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
+    found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
+    options = {} if names is None else {"names": names}
+    thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
     if loa is not None:
         from vitruvian.hanim.convert import VERSIONS, converted
@@ -193,7 +207,7 @@ def convert(
             raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
         version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
         thing, lost = converted(thing, version, loa=loa)
-    report = registry.save(thing, target, hanim=hanim, **baking(target, bake))
+    report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake))
     report["lost"] = lost + report["lost"]
     text = f"wrote {target}"
     if report["pruned_weights"]:

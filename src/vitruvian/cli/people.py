@@ -99,8 +99,9 @@ def subject(source: str, *, repair: bool = False) -> Humanoid:
     return found
 
 
-def movement(source: str, body: Body) -> Motion:
-    """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a BVH file, or the motion of another body."""
+def movement(source: str, body: Body, clip: str | None = None) -> Motion:
+    """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a BVH file, or a motion of another body's file,
+    the one named `clip` or the first."""
     from vitruvian.motion.contacts import soled
     from vitruvian.motion.retarget import retarget
 
@@ -115,7 +116,7 @@ def movement(source: str, body: Body) -> Motion:
 
     found = load(source)
     if not isinstance(found, Motion):
-        own = motion_of(found, pack(found).skeleton) if hasattr(found, "skeleton") else None
+        own = motion_of(found, pack(found).skeleton, name=clip) if hasattr(found, "motions") else None
         if own is None:
             raise VitruvianError(f"{source}: expected a motion, found none in it")
         found = own
@@ -152,6 +153,7 @@ def animate(
     motion: str = typer.Argument(..., help="BVH, VRMA, glTF, H-Anim or USD file, or the words walk or idle."),
     out: Path = Out,
     deformer: str = typer.Option("log", help="How the skin follows: linear, dual-quaternion, log, hybrid, ..."),
+    clip: str | None = typer.Option(None, "--clip", help="Name of the clip in an H-Anim file; `info` lists them."),
     repair: bool = typer.Option(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
     ),
@@ -168,9 +170,9 @@ def animate(
     humanoid = subject(body, repair=repair)
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
-    clip = Clip(humanoid, packed, movement(motion, packed), deformer)
-    report = write(clip, out, bake=bake)
-    moved = clip.motion
+    shown = Clip(humanoid, packed, movement(motion, packed, clip), deformer)
+    report = write(shown, out, bake=bake)
+    moved = shown.motion
     assert moved is not None
     document = {
         "frames": len(moved),

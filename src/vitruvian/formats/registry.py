@@ -116,14 +116,19 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     )
 
 
-def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: Any) -> dict[str, Any]:
+def save(
+    thing: Any, path: str | Path, *, hanim: str | None = None, clip: str | None = None, **options: Any
+) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
     A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
+    Scene files also take a list of Humanoids and Clips: several figures, and several clips of one figure. Their options:
+    `motion` "interpolators" or "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
 
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
+    `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
     """
     from vitruvian.motion.types import Motion
@@ -139,7 +144,7 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
     if form == ".bvh":
         from vitruvian.formats.bvh import write_bvh
 
-        motion = thing if isinstance(thing, Motion) else _clip(thing, path).motion
+        motion = thing if isinstance(thing, Motion) else _clip(thing, path, clip).motion
         if motion is None:
             raise VitruvianError(f"{path}: expected a motion to write, found none")
         write_bvh(motion, path)
@@ -157,31 +162,31 @@ def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: A
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
-        report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+        report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
     elif form == ".vrm":
         from vitruvian.formats.vrm import write_vrm
 
         if isinstance(thing, Mesh):
             raise VitruvianError(f"{path}: a VRM needs a humanoid; a mesh can be written as .glb or .obj")
-        report |= write_vrm(_clip(thing, path), path, **options)
+        report |= write_vrm(_clip(thing, path, clip), path, **options)
     elif form in USD:
         from vitruvian.formats.usd import write_usd
 
         things = thing if isinstance(thing, list | tuple) else [thing]
-        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path) for t in things], path, **options)
+        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path, clip) for t in things], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
-        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path), path, **options)
+        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     else:
-        report["lost"] += _save_scene(thing, path, form, hanim)
+        report["lost"] += _save_scene(thing, path, form, hanim, **options)
     return report
 
 
-def _clip(thing: Any, path: Path) -> Any:
-    """`thing` as a Clip: a Humanoid brings the animation of its own file."""
+def _clip(thing: Any, path: Path, clip: str | None = None) -> Any:
+    """`thing` as a Clip: a Humanoid brings the animation of its own file, the one named `clip` or the first."""
     from vitruvian.body.pack import pack
     from vitruvian.hanim.humanoid import Humanoid
     from vitruvian.motion.tracks import motion_of
@@ -191,28 +196,58 @@ def _clip(thing: Any, path: Path) -> Any:
         return thing
     if isinstance(thing, Humanoid):
         body = pack(thing)
-        return Clip(thing, body, motion_of(thing, body.skeleton))
+        return Clip(thing, body, motion_of(thing, body.skeleton, name=clip))
     raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid, Clip, Motion or Mesh")
 
 
-def _save_scene(thing: Any, path: Path, extension: str, hanim: str | None) -> list[str]:
+def _save_scene(
+    thing: Any, path: Path, extension: str, hanim: str | None, *, motion: str = "interpolators", draft: bool = False
+) -> list[str]:
     from vitruvian.hanim.build import scene_of
-    from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.stage.clip import Clip
 
-    if isinstance(thing, Clip):
-        humanoid = thing.humanoid
-        if thing.motion is not None:
-            from vitruvian.motion.tracks import tracks_of
-
-            humanoid = replace(humanoid, tracks=tracks_of(thing.motion), motions=[])
-    elif isinstance(thing, Humanoid):
-        humanoid = thing
-    else:
-        raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
-    built, lost = scene_of([humanoid], version=hanim, encoding=extension[1:])
+    things = list(thing) if isinstance(thing, list | tuple) else [thing]
+    if not things:
+        raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
+    humanoids = _with_clips(things, path, motion)
+    built, lost = scene_of(humanoids, version=hanim, encoding=extension[1:], draft=draft)
     write_scene(built, path)
     return lost
+
+
+def _with_clips(things: list[Any], path: Path, form: str) -> list[Humanoid]:
+    """The humanoids among Humanoids and Clips, each once, with the motions of their Clips."""
+    from vitruvian.hanim.humanoid import Humanoid
+    from vitruvian.motion.tracks import motion_data, tracks_of
+    from vitruvian.stage.clip import Clip
+
+    if form not in {"interpolators", "hanimmotion"}:
+        raise VitruvianError(f"motion: expected interpolators or hanimmotion, found {form!r}")
+    given: dict[int, tuple[Humanoid, list[Any]]] = {}
+    for thing in things:
+        if not isinstance(thing, Clip | Humanoid):
+            raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
+        owner = thing.humanoid if isinstance(thing, Clip) else thing
+        entry = given.setdefault(id(owner), (owner, []))
+        if isinstance(thing, Clip) and thing.motion is not None:
+            entry[1].append(thing.motion)
+    out = []
+    for humanoid, motions in given.values():
+        if not motions:
+            out.append(humanoid)
+            continue
+        names: list[str] = []
+        for m in motions:
+            base = m.name or "clip"
+            names.append(base if base not in names else f"{base}_{len(names) + 1}")
+        if form == "hanimmotion":
+            data = [replace(motion_data(m), name=n, enabled=k == 0) for k, (m, n) in enumerate(zip(motions, names))]
+            weights = [t for m, n in zip(motions, names) for t in tracks_of(m, timer=n) if t.field == "weight"]
+            out.append(replace(humanoid, motions=data, tracks=weights))
+        else:
+            timers = names if len(names) > 1 else [motions[0].name]
+            tracks = [t for m, n in zip(motions, timers) for t in tracks_of(m, timer=n)]
+            out.append(replace(humanoid, tracks=tracks, motions=[]))
+    return out
 
 
 def write_scene(graph: Scene, path: str | Path) -> None:

@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from vitruvian.hanim.graph import Node, Route
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, MotionData, Site, Track
+from vitruvian.hanim.members import read_members
 from vitruvian.hanim.reading import Reading
 
-_WIDTHS = {"OrientationInterpolator": 4, "PositionInterpolator": 3, "ScalarInterpolator": 1}
+_WIDTHS = {
+    "OrientationInterpolator": 4,
+    "PositionInterpolator": 3,
+    "ScalarInterpolator": 1,
+    "CoordinateInterpolator": 3,
+}
 _VALUES = {4: "MFRotation", 3: "MFVec3f", 1: "MFFloat"}
-_FIELDS = {"rotation": 4, "translation": 3, "scale": 3, "weight": 1}
+_FIELDS = {"rotation": 4, "translation": 3, "scale": 3, "center": 3, "weight": 1, "point": 3}
 _CHAIN = 16  # nodes between timer and interpolator
 
 
@@ -23,10 +29,10 @@ def event(name: str) -> str:
     return name.removeprefix("set_").removesuffix("_changed")
 
 
-def motions(reading: Reading, node: Node) -> list[MotionData]:
+def motions(reading: Reading, node: Node, prefixes: tuple[str, ...] = ()) -> list[MotionData]:
     """The HAnimMotion nodes of a Humanoid, wherever a wrong containerField has put them."""
     found = [n for f in ("motions", "children") for n in node.children(f) if reading.kind(n) == "Motion"]
-    return [_motion(reading, n, k) for k, n in enumerate(found)]
+    return [_motion(reading, n, k, prefixes) for k, n in enumerate(found)]
 
 
 def _words(texts: list[str]) -> list[str]:
@@ -46,10 +52,11 @@ def channel_groups(words: list[str]) -> list[tuple[str, ...]] | None:
     return groups
 
 
-def _motion(reading: Reading, node: Node, number: int) -> MotionData:
+def _motion(reading: Reading, node: Node, number: int, prefixes: tuple[str, ...]) -> MotionData:
     joints = _words(reading.texts(node, "joints"))
     groups = channel_groups(_words(reading.texts(node, "channels")))
-    name = reading.text(node, "name").strip() or node.name or f"motion_{number + 1}"
+    prefix = next((p for p in prefixes if p and node.name.startswith(p) and len(node.name) > len(p)), "")
+    name = reading.text(node, "name").strip() or node.name[len(prefix) :] or f"motion_{number + 1}"
     if groups is None:
         reading.broken(f"motion {name} channels: expected groups of a count and that many channel names", node)
         groups = []
@@ -72,7 +79,8 @@ def _motion(reading: Reading, node: Node, number: int) -> MotionData:
     if duration <= 0:
         reading.defect("M17", f"motion {name}: frameDuration {duration:g} is read as 0.1 s", node)
         duration = 0.1
-    return MotionData(
+    last = int(reading.softly(node, "endFrame", "SFInt32", 0))  # type: ignore[call-overload]
+    motion = MotionData(
         name=name,
         joints=joints,
         channels=groups,
@@ -80,9 +88,11 @@ def _motion(reading: Reading, node: Node, number: int) -> MotionData:
         frame_duration=duration,
         enabled=reading.flag(node, "enabled", False),
         loop=reading.flag(node, "loop", False),
-        description=reading.text(node, "description"),
+        end_frame=0 if last == frames - 1 else last,
         node=node,
     )
+    read_members(reading, node, motion, "Motion")
+    return motion
 
 
 def attach_tracks(reading: Reading, figures: list[Humanoid]) -> None:
@@ -99,6 +109,9 @@ def attach_tracks(reading: Reading, figures: list[Humanoid]) -> None:
         things: list[Joint | Site | Displacer] = [*h.joints(), *h.all_sites(), *h.viewpoints, *h.displacers()]
         targets |= {id(t.node): (h, t.name) for t in things if t.node is not None}
         targets[id(h.node)] = (h, "")
+        for owner, field, name in [(h.node, "skinCoord", ""), *((g.node, "coord", g.name) for g in h.segments())]:
+            points = owner.children(field) if owner is not None else []
+            targets |= {id(n): (h, name) for n in points}
     defs = reading.scene.defs()
     into: dict[str, list[Route]] = defaultdict(list)
     for route in routes:
@@ -119,20 +132,24 @@ def _track(
     reading: Reading, source: Node, field: str, into: dict[str, list[Route]], defs: dict[str, Node]
 ) -> Track | None:
     width = _WIDTHS.get(source.type)
-    if width is None or _FIELDS.get(field) != width:
+    whole = source.type == "CoordinateInterpolator"
+    if width is None or _FIELDS.get(field) != width or whole != (field == "point"):
         return None
     timer = _timer(reading, source, into, defs)
     if timer is None:
         return None
     keys = reading.numbers(source, "key")
     values = reading.numbers(source, "keyValue", _VALUES[width], width).reshape(-1, width)
+    if whole:
+        width = 3 * (len(values) // max(len(keys), 1))
+        values = values.reshape(len(keys), width) if width and values.size == len(keys) * width else values[:0]
     if len(keys) != len(values):
         what = f"expected {len(keys)} key values, one per key, found {len(values)}"
         reading.broken(f"{source.type} {source.name}: {what}", source)
         n = min(len(keys), len(values))
         keys, values = keys[:n], values[:n]
         reading.mend(source, "key", keys)
-        reading.mend(source, "keyValue", values if width > 1 else values.reshape(-1))
+        reading.mend(source, "keyValue", (values.reshape(-1, 3) if whole else values) if width > 1 else values[:, 0])
     if len(keys) == 0:
         return None
     if (np.diff(keys) < 0).any():
@@ -142,7 +159,7 @@ def _track(
     values = values.copy()
     if width == 4:
         values[:, 3] *= reading.angle
-    elif field == "translation":
+    elif field in {"translation", "center", "point"}:
         values *= reading.length
     interval = reading.number(timer, "cycleInterval", 1.0)
     if interval <= 0:

@@ -3,73 +3,46 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
 import vitruvian
 from vitruvian.errors import VitruvianError
-from vitruvian.hanim import prototypes, tables
-from vitruvian.hanim.build_motion import INTERPOLATORS, motion_node, track_nodes
+from vitruvian.hanim import members, prototypes, tables
+from vitruvian.hanim.build_kept import copies
+from vitruvian.hanim.build_motion import motion_node, track_nodes
+from vitruvian.hanim.build_pieces import Lists, credits, info_strings, left_behind, put, token, use, viewpoint_node
 from vitruvian.hanim.build_shape import Names, ShapeWriter
 from vitruvian.hanim.convert import converted
-from vitruvian.hanim.graph import Node, Route, Scene, Use
-from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Site
+from vitruvian.hanim.graph import Literal, Node, Route, Scene, Use
+from vitruvian.hanim.humanoid import Described, Displacer, Humanoid, Joint, Pose, Segment, Site, Viewpoint
 from vitruvian.hanim.reading import Reading
 from vitruvian.hanim.segmenting import segmented
 from vitruvian.hanim.studio import studio
 
-_ROTATION = np.array([0.0, 0.0, 1.0, 0.0])
-_PLACE = {
-    "translation": ("translation", np.zeros(3)),
-    "rotation": ("rotation", _ROTATION),
-    "scale": ("scale", np.ones(3)),
-    "scaleOrientation": ("scale_orientation", _ROTATION),
-    "center": ("center", np.zeros(3)),
-}
-# Node types whose meaning the typed view carries (or that are made anew).
-_CARRIED = {
-    *(
-        "Shape",
-        "Appearance",
-        "Material",
-        "PhysicalMaterial",
-        "ImageTexture",
-        "Coordinate",
-        "TextureCoordinate",
-        "Color",
-    ),
-    *(
-        "ColorRGBA",
-        "Normal",
-        "IndexedFaceSet",
-        "IndexedTriangleSet",
-        "TriangleSet",
-        "Box",
-        "Sphere",
-        "Cylinder",
-        "Cone",
-    ),
-    *("Group", "Transform", "TimeSensor", *INTERPOLATORS.values(), "WorldInfo", "NavigationInfo", "Background"),
-}
-# Fields of a Humanoid whose children need a containerField in XML.
-_NAMED = {"skeleton", "joints", "segments", "sites", "viewpoints", "skin", "skinCoord", "skinNormal", "motions"}
+_SITES = {"pt", "tip", "view"}
+_DISPLACERS = {"feature", "action", "config"}
 
 
 def scene_of(
-    humanoids: list[Humanoid], *, version: str | None = None, encoding: str = "x3d"
+    humanoids: list[Humanoid], *, version: str | None = None, encoding: str = "x3d", draft: bool = False
 ) -> tuple[Scene, list[str]]:
     """A scene that holds these humanoids, and a list of what it cannot say.
 
     `encoding` "x3d", "x3dv" or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or "1.1" (VRML97
     prototypes); names are converted to it. Without a version, humanoids that came together from one file of the same
     family go back into their own scene graph, so that everything unknown to us survives; others are built afresh with
-    2.0 names, or as 200x in VRML97. Raises `VitruvianError` for combinations that do not exist.
+    2.0 names, or as 200x in VRML97. `draft` writes X3D 4.1 as drafted: HAnimPose, `motions_enabled`, `skin_displacers`
+    and other nodes in `children` of the humanoid. Raises `VitruvianError` for combinations that do not exist.
     """
     if encoding not in {"x3d", "x3dv", "wrl"}:
         raise VitruvianError(f"encoding: expected x3d, x3dv or wrl, found {encoding!r}")
     if not humanoids:
         raise VitruvianError("humanoids: expected at least one, found none")
-    if version is None:
+    if draft and (encoding == "wrl" or version not in {None, "2.0"}):
+        raise VitruvianError("draft: expected X3D with H-Anim 2.0, found another encoding or version")
+    if version is None and not draft:
         from vitruvian.hanim.update import updated
 
         kept = updated(humanoids, encoding)
@@ -83,45 +56,98 @@ def scene_of(
     elif encoding != "wrl" and version in {"200x", "1.1"}:
         lost.append(f"X3D does not know H-Anim version {version}: written as 1.0, the same names")
         version = "1.0"
-    return _Builder(version, encoding).scene(humanoids, lost), lost
+    return Builder(version, encoding, draft).scene(humanoids, lost), lost
 
 
-class _Builder:
+class Builder:
     """One scene under construction."""
 
-    def __init__(self, version: str, encoding: str):
+    def __init__(self, version: str, encoding: str, draft: bool = False):
         self.version = version
+        self.table = members.DRAFT if draft else version
         self.native = encoding != "wrl"
-        x3d = "4.0" if version == "2.0" else "3.3"
+        x3d = "4.1" if draft else "4.0" if version == "2.0" else "3.3"
         self.out = Scene(encoding=encoding, version=x3d if self.native else "2.0")
         self.names = Names()
-        self.shapes = ShapeWriter(self.names, physical=self.out.version == "4.0")
+        self.shapes = ShapeWriter(self.names, physical=self.out.version >= "4")
         self.routes: list[Route] = []
         self.lost: list[str] = []
+        self.missing: Counter[str] = Counter()  # fields that the version lacks, with how many objects give them
+        self.extra: dict[str, dict[str, str]] = {}  # kind -> further fields of its prototype, with types
+        self.reading = Reading(self.out)
+        self.carried: set[int] = set()
 
     def scene(self, humanoids: list[Humanoid], lost: list[str]) -> Scene:
         if self.native:
             self.out.profile = "Immersive"
-            level = 3 if any(h.motions for h in humanoids) and self.version == "2.0" else 1
-            self.out.components.append(("HAnim" if self.out.version == "4.0" else "H-Anim", level))
+            level = 3 if self.table == members.DRAFT or any(h.motions for h in humanoids) and self.modern else 1
+            self.out.components.append(("HAnim" if self.modern else "H-Anim", level))
             self.out.metas.append(("generator", f"vitruvian {vitruvian.__version__}"))
-        else:
-            self.out.body += prototypes.prototypes(self.version)
         title = ", ".join(h.name for h in humanoids if h.name) or "humanoid"
-        self.out.body.append(Node("WorldInfo", fields={"title": title, "info": _credits(humanoids)}))
+        self.out.body.append(Node("WorldInfo", fields={"title": title, "info": credits(humanoids)}))
         ready = []
         for h in humanoids:
             there, gone = converted(h, self.version)
             self.lost += gone
             ready.append(self._fitted(there))
         self.out.body += studio(ready)
+        given: set[str] = set()
         for h in ready:
-            self._humanoid(h, "hanim_" if len(ready) == 1 else f"{h.name}_")
+            name, n = token(h.name) or "humanoid", 2
+            while name in given:
+                name, n = f"{token(h.name) or 'humanoid'}_{n}", n + 1
+            given.add(name)
+            if name != h.name:
+                h = replace(h, name=name)
+            self.reading = Reading(h.scene or self.out)
+            self._humanoid(h, "hanim_" if len(ready) == 1 else f"{name}_")
+        if not self.native:
+            self.out.body[:0] = prototypes.prototypes(self.version, self.extra)
         self.out.body += self.routes
-        known = sorted(self.shapes.lost)
-        lost += self.lost + known
-        lost += _left_behind(humanoids)
+        lost += self.lost + sorted(self.shapes.lost)
+        for field, n in self.missing.items():
+            lost.append(f"{field} of {n} object{'s' if n > 1 else ''}: H-Anim {self.version} has no such field")
+        lost += left_behind(humanoids, self.carried)
         return self.out
+
+    @property
+    def modern(self) -> bool:
+        """Whether it is X3D 4."""
+        return self.native and self.out.version >= "4"
+
+    def _plain(self, node: Node, thing: Described, kind: str) -> None:
+        """The plain fields of an object, its metadata and its extras."""
+        for field in members.set_members(node.fields, thing, kind, self.table):
+            self.missing[f"{kind}.{field}"] += 1
+        if thing.metadata is not None:
+            copied = copies([thing.metadata], self.names, self.carried) if self.native else []
+            if copied:
+                copied[0].container = "metadata"
+                node.fields["metadata"] = copied[0]
+            elif not self.native:
+                self.missing[f"{kind}.metadata"] += 1
+        for field, value in thing.extras.items():
+            kept = self._extra_type(thing, kind, field, value)
+            if kept:
+                node.fields[field] = value
+                self.extra.setdefault(kind, {})[field] = kept
+            else:
+                self.missing[f"{kind}.{field}"] += 1
+
+    def _extra_type(self, thing: Described, kind: str, field: str, value: object) -> str:
+        """The type under which a prototype may declare an extra field; "" when there is none to add it to."""
+        if self.native or isinstance(value, Literal):
+            return ""
+        source = getattr(thing, "node", None)
+        declared = members.extra_type(self.reading, source if source is not None else Node(kind), field)
+        return declared or members.type_like(value)
+
+    def _kept(self, nodes: list[Node], what: str) -> list[Node]:
+        """Copies of other nodes, where the encoding can take them."""
+        found = copies(nodes, self.names, self.carried) if self.native else []
+        if len(found) < len(nodes) and not any(n.line for n in nodes):
+            self.lost.append(f"{len(nodes) - len(found)} other nodes in {what}")
+        return found
 
     def _fitted(self, h: Humanoid) -> Humanoid:
         """What this version can show of it: 1.1 has no skin, so each triangle moves to one segment."""
@@ -141,52 +167,88 @@ class _Builder:
 
     def has(self, kind: str, field: str) -> bool:
         """Whether the target's node of that kind has the field."""
-        return self.native or field in prototypes.fields_of(self.version, kind)
+        return members.has(self.table, kind, field)
+
+    def part(
+        self, part: Joint | Segment | Site | Displacer, prefix: str, figure: Lists, h: Humanoid, owner: Segment | None
+    ) -> Node:
+        """The node of one object and all it holds; `owner` is the Segment that a Displacer moves."""
+        if isinstance(part, Joint):
+            return self._joint(part, prefix, figure, h)
+        if isinstance(part, Segment):
+            return self._segment(part, prefix, figure, [])
+        if isinstance(part, Site):
+            return self._site(part, prefix, figure)
+        return self._displacer(part, prefix, figure, owner)
 
     def _humanoid(self, h: Humanoid, prefix: str) -> None:
         root = self.node("Humanoid", self.names.free(prefix + (h.name or "humanoid")))
         fields = root.fields
-        fields["name"] = _token(h.name) or "humanoid"
+        fields["name"] = token(h.name) or "humanoid"
         fields["version"] = self.version
-        if self.out.version == "4.0":
+        if self.has("Humanoid", "loa"):
             fields["loa"] = int(h.loa)
-            if h.skeletal_configuration != "BASIC":
-                fields["skeletalConfiguration"] = h.skeletal_configuration
-        if h.info:
-            fields["info"] = [f"{k}={v}" if v else k for k, v in h.info.items()]
-        _place(fields, h)
-        figure = _Lists()
+        strings = info_strings(h)
+        if strings:
+            fields["info"] = strings
+        self._plain(root, h, "Humanoid")
+        figure = Lists()
         body = "humanoidBody" if self.version == "1.1" else "skeleton"
         entries: list[Node] = [self._joint(j, prefix, figure, h) for j in h.skeleton]
         entries += [self._site(s, prefix, figure) for s in h.sites]
-        _put(root, body, entries)
-        self._skin(h, root, prefix)
-        _put(root, "joints", [_use(n) for n in figure.joints])
-        _put(root, "segments", [_use(n) for n in figure.segments])
-        _put(root, "sites", [_use(n) for n in figure.sites])
-        _put(root, "viewpoints", [self._viewpoint(s, prefix, figure) for s in h.viewpoints])
+        put(root, body, entries)
+        self._skin(h, root, prefix, figure)
+        put(root, "joints", [use(n) for n in figure.joints])
+        put(root, "segments", [use(n) for n in figure.segments])
+        put(root, "sites", [use(n) for n in figure.sites])
+        put(root, "viewpoints", [self._viewpoint(s, prefix, figure) for s in h.viewpoints])
         self._motions(h, root, prefix)
-        if h.binding:
+        if h.binding or h.skin_binding_coords is not None or h.skin_binding_normals is not None:
             self.lost.append("binding matrices (browsers disagree on them, so they are not written)")
+        self._of_the_draft(h, root, prefix, figure)
         self.out.body.append(root)
-        self._tracks(h, prefix, {"": root, **figure.by_name})
+        self._tracks(h, prefix, {"": root, **figure.by_name}, figure.points)
 
-    def _skin(self, h: Humanoid, root: Node, prefix: str) -> None:
+    def _of_the_draft(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
+        """What X3D 4.1 adds: displacers of the humanoid itself, poses and other children."""
+        if self.table != members.DRAFT:
+            gone: dict[str, list] = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
+            self.missing.update({f"Humanoid.{field}": len(things) for field, things in gone.items() if things})
+            return
+        if h.skin_displacers:
+            put(root, "displacers", [self._displacer(d, prefix, figure) for d in h.skin_displacers])
+        children = [*(self._pose(p, prefix) for p in h.poses), *self._kept(h.children, "the humanoid")]
+        put(root, "children", children)
+
+    def _pose(self, pose: Pose, prefix: str) -> Node:
+        node = Node("HAnimPose", self.names.free(prefix + pose.name), {"name": token(pose.name)})
+        self._plain(node, pose, "Pose")
+        joints = []
+        for joint in pose.joints:
+            child = Node("HAnimJoint", fields={"name": token(joint.name)})
+            self._plain(child, joint, "Joint")
+            joints.append(child)
+        if joints:
+            node.fields["children"] = joints
+        return node
+
+    def _skin(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
         if not len(h.skin_coord) or not self.has("Humanoid", "skinCoord"):
             return
         coords = f"{prefix}skin_coords"
         shown = [n for s in h.skin if (n := self.shapes.shape(s, prefix, coords, h.skin_coord)) is not None]
-        _put(root, "skin", shown)
+        put(root, "skin", shown)
         made = Node("Coordinate", fields={"point": h.skin_coord})
         coord = self.shapes.share("coord", h.skin_coord, coords, made)
         coord.container = "skinCoord"
         root.fields["skinCoord"] = coord
+        figure.points[""] = coord
         if h.skin_normal is not None and len(h.skin_normal):
             root.fields["skinNormal"] = Node("Normal", container="skinNormal", fields={"vector": h.skin_normal})
         if not self.native:
             self.lost.append("a moving skin: plain VRML97 browsers draw the skin at rest, only H-Anim browsers move it")
 
-    def _joint(self, top: Joint, prefix: str, figure: _Lists, h: Humanoid) -> Node:
+    def _joint(self, top: Joint, prefix: str, figure: Lists, h: Humanoid) -> Node:
         """A joint and all below it."""
         made: dict[int, Node] = {}
         for joint in top.walk():
@@ -195,14 +257,12 @@ class _Builder:
             figure.joints.append(node)
             figure.by_name[joint.name] = node
             fields = node.fields
-            fields["name"] = _token(joint.name)
-            _place(fields, joint)
+            fields["name"] = token(joint.name)
+            self._plain(node, joint, "Joint")
             fields["center"] = joint.center
             for field, value in (("llimit", joint.llimit), ("ulimit", joint.ulimit)):
                 if len(value) and (len(joint.llimit) != len(joint.ulimit) or (joint.llimit != joint.ulimit).any()):
                     fields[field] = value
-            if joint.limit_orientation[3] != 0:
-                fields["limitOrientation"] = joint.limit_orientation
             if joint.stiffness.any():
                 fields["stiffness"] = joint.stiffness
             if len(joint.skin_coord_index) and self.has("Joint", "skinCoordIndex"):
@@ -223,7 +283,7 @@ class _Builder:
                 below += [made[id(j)] for j in joint.joints]  # type: ignore[operator]
         return made[id(top)]
 
-    def _segments(self, joint: Joint, prefix: str, figure: _Lists) -> list[Node]:
+    def _segments(self, joint: Joint, prefix: str, figure: Lists) -> list[Node]:
         """Segment nodes; the joint's own Sites go into its segment, where the schema wants them."""
         segments = joint.segments
         if joint.sites and not segments:
@@ -235,136 +295,103 @@ class _Builder:
             nodes.append(self._segment(segment, prefix, figure, joint.sites if k == 0 else []))
         return nodes
 
-    def _segment(self, segment: Segment, prefix: str, figure: _Lists, sites: list[Site]) -> Node:
+    def _segment(self, segment: Segment, prefix: str, figure: Lists, sites: list[Site]) -> Node:
         node = self.node("Segment", self.names.free(prefix + segment.name))
         figure.segments.append(node)
         fields = node.fields
-        fields["name"] = _token(segment.name)
-        if segment.mass:
-            fields["mass"] = float(segment.mass)
-        if segment.center_of_mass.any():
-            fields["centerOfMass"] = segment.center_of_mass
+        fields["name"] = token(segment.name)
+        self._plain(node, segment, "Segment")
         if segment.moments_of_inertia.any():
             fields["momentsOfInertia"] = segment.moments_of_inertia
         coords = f"{prefix}{segment.name}_coords"
         shapes = [n for s in segment.shapes if (n := self.shapes.shape(s, prefix, coords)) is not None]
         children = [*shapes, *(self._site(s, prefix, figure) for s in [*segment.sites, *sites])]
+        children += self._kept(segment.children, f"segment {segment.name}")
         if children:
             fields["children"] = children
-        if segment.displacers and shapes:
-            coord = shapes[0].children("geometry")[0].children("coord")[0]
-            fields["coord"] = _use(coord)
+        coord = self._segment_coord(segment, coords, shapes)
+        if coord is not None:
+            fields["coord"] = coord
+            figure.points[segment.name] = coord
+        if segment.displacers and coord is not None:
             fields["displacers"] = [self._displacer(d, prefix, figure, segment) for d in segment.displacers]
+        elif segment.displacers:
+            self.lost.append(f"displacers of segment {segment.name}: it has no points for them")
         return node
 
-    def _site(self, site: Site, prefix: str, figure: _Lists, listed: bool = True) -> Node:
-        suffixed = site.name.rpartition("_")[2] in {"pt", "tip", "view"}
+    def _segment_coord(self, segment: Segment, coords: str, shapes: list[Node]) -> Node | Use | None:
+        """The points that displacers move: those of the shape that shares `Segment.coord`, else the first's."""
+        if segment.coord is None and not segment.displacers:
+            return None
+        shared = [s for s in segment.shapes if s.points is not None and len(s.triangles)]
+        model = next((s for s in shared if s.points is segment.coord), shared[0] if shared else None)
+        if model is not None and (segment.coord is None or model.points is segment.coord) and shapes:
+            return use(shapes[shared.index(model)].children("geometry")[0].children("coord")[0])
+        if segment.coord is None:
+            return None
+        return self.shapes.share("coord", segment.coord, coords, Node("Coordinate", fields={"point": segment.coord}))
+
+    def _site(self, site: Site, prefix: str, figure: Lists, listed: bool = True) -> Node:
+        suffixed = site.name.rpartition("_")[2] in _SITES
         node = self.node("Site", self.names.free(prefix + site.name + ("" if suffixed else "_pt")))
         if listed:
             figure.sites.append(node)
         figure.by_name.setdefault(site.name, node)
         figure.by_site[id(site)] = node
-        node.fields["name"] = _token(site.name)
-        _place(node.fields, site)
+        node.fields["name"] = token(site.name)
+        self._plain(node, site, "Site")
         coords = f"{prefix}{site.name}_coords"
         children = [n for s in site.shapes if (n := self.shapes.shape(s, prefix, coords)) is not None]
-        if site.name.endswith("_view"):
-            title = site.name.removesuffix("_view").replace("_", " ")
-            children.append(Node("Viewpoint", fields={"description": title, "position": np.zeros(3)}))
+        viewpoints = site.viewpoints
+        if site.name.endswith("_view") and not viewpoints:
+            viewpoints = [Viewpoint(site.name.removesuffix("_view").replace("_", " "), position=np.zeros(3))]
+        children += [viewpoint_node(v) for v in viewpoints]
+        self.carried |= {id(v.node) for v in viewpoints}
+        children += self._kept(site.children, f"site {site.name}")
         if children:
             node.fields["children"] = children
         return node
 
-    def _viewpoint(self, site: Site, prefix: str, figure: _Lists) -> Node | Use:
+    def _viewpoint(self, site: Site, prefix: str, figure: Lists) -> Node | Use:
         if id(site) in figure.by_site:
-            return _use(figure.by_site[id(site)])
+            return use(figure.by_site[id(site)])
         return self._site(site, prefix, figure, listed=False)
 
-    def _displacer(self, d: Displacer, prefix: str, figure: _Lists, segment: Segment | None = None) -> Node:
-        node = self.node("Displacer", self.names.free(prefix + d.name))
+    def _displacer(self, d: Displacer, prefix: str, figure: Lists, segment: Segment | None = None) -> Node:
+        kind = "" if d.name.rpartition("_")[2] in _DISPLACERS else "_action" if d.displacements.any() else "_feature"
+        node = self.node("Displacer", self.names.free(prefix + d.name + kind))
         figure.by_name.setdefault(d.name, node)
-        node.fields["name"] = _token(d.name)
+        node.fields["name"] = token(d.name)
         node.fields["coordIndex"] = d.coord_index.astype(np.int32)
         moves = d.displacements
         baked = next((s.transform for s in segment.shapes if s.points is not None), None) if segment else None
         node.fields["displacements"] = moves if baked is None else moves @ baked[:3, :3].T
-        if d.weight and self.has("Displacer", "weight"):
-            node.fields["weight"] = float(d.weight)
+        self._plain(node, d, "Displacer")
         return node
 
     def _motions(self, h: Humanoid, root: Node, prefix: str) -> None:
         if not h.motions:
             return
-        if self.out.version != "4.0":
+        if not self.modern:
             self.lost.append("HAnimMotion: only X3D 4.0 has it")
             return
-        nodes = [
-            motion_node(m, self.names.free(prefix + m.name), enabled=m.enabled and not h.tracks) for m in h.motions
-        ]
-        if h.tracks and any(m.enabled for m in h.motions):
+        nodes = []
+        driven = any(t.field not in {"weight", "point"} for t in h.tracks)
+        for m in h.motions:
+            node = motion_node(m, self.names.free(prefix + m.name), enabled=m.enabled and not driven)
+            self._plain(node, m, "Motion")  # type: ignore[arg-type]
+            nodes.append(node)
+        if driven and any(m.enabled for m in h.motions):
             self.lost.append("enabled of HAnimMotion: interpolators drive the same joints, so it is written as FALSE")
-        _put(root, "motions", nodes)
+        put(root, "motions", nodes)
 
-    def _tracks(self, h: Humanoid, prefix: str, targets: dict[str, Node]) -> None:
+    def _tracks(self, h: Humanoid, prefix: str, targets: dict[str, Node], points: dict[str, Node | Use]) -> None:
         if not h.tracks:
             return
         able = [t for t in h.tracks if t.field != "weight" or self.has("Displacer", "weight")]
-        nodes, routes, lost = track_nodes(able, targets, self.names.free, prefix)
+        nodes, routes, lost = track_nodes(able, targets, self.names.free, prefix, points)
         if len(able) < len(h.tracks):
             lost.append(f"{len(h.tracks) - len(able)} tracks of displacer weights: H-Anim {self.version} has none")
         self.out.body += nodes
         self.routes += routes
         self.lost += lost
-
-
-class _Lists:
-    """Nodes of one humanoid in the order they were made, for the lists of USEs and for ROUTEs."""
-
-    def __init__(self) -> None:
-        self.joints: list[Node] = []
-        self.segments: list[Node] = []
-        self.sites: list[Node] = []
-        self.by_name: dict[str, Node] = {}
-        self.by_site: dict[int, Node] = {}
-
-
-def _token(name: str) -> str:
-    """A name without blanks, as the schema's NMTOKEN wants it."""
-    return "_".join(name.split())
-
-
-def _use(node: Node) -> Use:
-    return Use(node.name, node, type=node.type)
-
-
-def _put(node: Node, field: str, children: list) -> None:
-    if not children:
-        return
-    for child in children:
-        if field in _NAMED:
-            child.container = field
-    node.fields[field] = children
-
-
-def _place(fields: dict[str, object], thing: Humanoid | Joint | Site) -> None:
-    """The transform fields that differ from their defaults."""
-    for field, (attribute, default) in _PLACE.items():
-        value = getattr(thing, attribute)
-        if not np.array_equal(value, default):
-            fields[field] = value
-
-
-def _left_behind(humanoids: list[Humanoid]) -> list[str]:
-    """What the source files hold that a new scene does not: node types with their counts."""
-    counts: Counter[str] = Counter()
-    for scene in {id(h.scene): h.scene for h in humanoids if h.scene is not None}.values():
-        reading = Reading(scene)
-        counts.update(n.type for n in scene.walk() if n.type not in _CARRIED and not reading.kind(n))
-    if not counts:
-        return []
-    some = ", ".join(f"{n} {kind}" for kind, n in counts.most_common(8)) + (", ..." if len(counts) > 8 else "")
-    return [f"other nodes of the source file: {some}"]
-
-
-def _credits(humanoids: list[Humanoid]) -> list[str]:
-    return [f"{k}={v}" for h in humanoids for k, v in h.info.items() if v][:16] or ["H-Anim humanoid"]

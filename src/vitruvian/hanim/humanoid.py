@@ -27,8 +27,31 @@ def _floats() -> Array:
     return np.zeros(0)
 
 
+@dataclass(slots=True, eq=False, kw_only=True)
+class Described:
+    """What every object may carry (X3D 4.0): words, a Metadata node, and fields beyond the standard's.
+
+    `extras` maps field names to typed values (or source text where nothing tells the type): a robot's `jointAxis`, the
+    transform that some files give Segments.
+    """
+
+    description: str = ""
+    metadata: Node | None = None
+    extras: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class Bounded(Described):
+    """What objects with an extent may carry. A `bbox_size` below zero means "not given"."""
+
+    bbox_center: Array = field(default_factory=lambda: _vec(0, 0, 0))
+    bbox_size: Array = field(default_factory=lambda: _vec(-1, -1, -1))
+    bbox_display: bool = False
+    visible: bool = True
+
+
 @dataclass(slots=True, eq=False)
-class Displacer:
+class Displacer(Described):
     """Moves vertices `coord_index` (n,) by `weight * displacements` (n,3).
 
     Under a Joint the indices are into the humanoid's `skin_coord`, under a Segment into the segment's points.
@@ -77,8 +100,22 @@ class Shape:
 
 
 @dataclass(slots=True, eq=False)
-class Site:
-    """A named place: `_tip` end effector, `_view` camera, `_pt` feature point. `center` in the parent's frame."""
+class Viewpoint:
+    """A camera in a Site: `position` and `orientation` (axis-angle) in the Site's frame, `field_of_view` in radians."""
+
+    description: str = ""
+    position: Array = field(default_factory=lambda: _vec(0, 0, 10))
+    orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
+    field_of_view: float = 0.785398
+    node: Node | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Site(Bounded):
+    """A named place: `_tip` end effector, `_view` camera, `_pt` feature point. `center` in the parent's frame.
+
+    `children` are the nodes that hang there beside shapes and viewpoints (lights, sensors, Inlines).
+    """
 
     name: str
     center: Array = field(default_factory=lambda: _vec(0, 0, 0))
@@ -88,11 +125,18 @@ class Site:
     scale_orientation: Array = field(default_factory=lambda: _vec(0, 0, 1, 0))
     shapes: list[Shape] = field(default_factory=list)
     node: Node | None = None
+    viewpoints: list[Viewpoint] = field(default_factory=list)
+    children: list[Node] = field(default_factory=list)
 
 
 @dataclass(slots=True, eq=False)
-class Segment:
-    """A body part. `center_of_mass` and `mass` (kg) are zero when not given; inertia is a row-major 3x3 in kg m2."""
+class Segment(Bounded):
+    """A body part. `mass` (kg) and `center_of_mass` (m, the joint's frame) are zero when not given.
+
+    `moments_of_inertia` is a row-major 3x3 in kg m2 about the centre of mass, axes of the joint's frame.
+    `coord` (n,3) are the points that `displacers` index: the very array of the shapes that use it, None when not given.
+    `children` are the nodes that hang there beside shapes and Sites.
+    """
 
     name: str
     mass: float = 0.0
@@ -102,10 +146,12 @@ class Segment:
     sites: list[Site] = field(default_factory=list)
     displacers: list[Displacer] = field(default_factory=list)
     node: Node | None = None
+    coord: Array | None = None
+    children: list[Node] = field(default_factory=list)
 
 
 @dataclass(slots=True, eq=False)
-class Joint:
+class Joint(Bounded):
     """A joint with its subtree. `llimit`, `ulimit` hold 0 to 3 angles (radians); empty means free."""
 
     name: str
@@ -140,6 +186,8 @@ class MotionData:
     """HAnimMotion (X3D 4.0): `values` (frames, channels) as in the file, angles in degrees.
 
     `joints` one name per group ("IGNORED" skips it), `channels` one tuple of channel names per group.
+    `channels_enabled` has one flag per group or one per channel; [] means all. Played are the frames `start_frame` to
+    `end_frame` (0: the last) in steps of `frame_increment`, each for `frame_duration` seconds.
     """
 
     name: str
@@ -151,17 +199,38 @@ class MotionData:
     loop: bool = True
     description: str = ""
     node: Node | None = None
+    loa: int = -1
+    start_frame: int = 0
+    end_frame: int = 0
+    frame_increment: int = 1
+    frame_index: int = 0
+    channels_enabled: list[bool] = field(default_factory=list)
+    metadata: Node | None = None
+    extras: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(slots=True, eq=False)
+class Pose(Described):
+    """HAnimPose (X3D 4.1 draft): where `joints` (flat, placed only) shall go within `transition_duration` seconds."""
+
+    name: str
+    enabled: bool = True
+    loa: int = -1
+    transition_duration: float = 0.0
+    joints: list[Joint] = field(default_factory=list)
+    node: Node | None = None
 
 
 @dataclass(slots=True, eq=False)
 class Track:
     """One interpolator that a TimeSensor drives: `target` object name, its `field`, keys (k,) in 0..1, values (k, n).
 
-    `target` is a joint's, site's or displacer's name, or "" for the humanoid itself.
+    `target` is a joint's, segment's, site's or displacer's name, or "" for the humanoid itself. Values of "point", from
+    a CoordinateInterpolator, are whole sets of points (k, 3n): of the skin when `target` is "", else of the segment.
     """
 
     target: str
-    field: str  # "rotation" | "translation" | "scale" | "weight"
+    field: str  # "rotation" | "translation" | "scale" | "center" | "weight" | "point"
     keys: Array
     values: Array
     interval: float = 1.0
@@ -171,8 +240,13 @@ class Track:
 
 
 @dataclass(slots=True, eq=False)
-class Humanoid:
-    """One H-Anim figure. `skeleton` holds its root joints; `skin` shapes share `skin_coord` (v,3)."""
+class Humanoid(Bounded):
+    """One H-Anim figure. `skeleton` holds its root joints; `skin` shapes share `skin_coord` (v,3).
+
+    `info` are the `key=value` strings; `info_given` those of the file, so that its order and wording survive.
+    X3D 4.0: `binding`, `skin_binding_coords` (v,3), `skin_binding_normals`. 4.1 draft: `motions_enabled` (one per
+    motion), `skin_displacers` (at rest, over `skin_coord`), `poses` and other nodes in `children`.
+    """
 
     name: str = ""
     version: str = "2.0"
@@ -196,6 +270,13 @@ class Humanoid:
     scene: Scene | None = None  # the file it came from
     made_from: object = None  # what a modelling function made it from; stays in memory
     node: Node | None = None
+    info_given: tuple[str, ...] = ()
+    skin_binding_coords: Array | None = None
+    skin_binding_normals: Array | None = None
+    motions_enabled: list[bool] = field(default_factory=list)
+    skin_displacers: list[Displacer] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+    children: list[Node] = field(default_factory=list)
 
     def joints(self) -> list[Joint]:
         """Every joint once, depth first, parents before children."""
@@ -217,6 +298,7 @@ class Humanoid:
         return [*self.sites, *own]
 
     def displacers(self) -> list[Displacer]:
-        """Joint displacers, then segment displacers, in tree order."""
+        """The humanoid's own displacers, those of joints, then those of segments, in tree order."""
         joints = self.joints()
-        return [d for j in joints for d in j.displacers] + [d for j in joints for s in j.segments for d in s.displacers]
+        of_joints = [d for j in joints for d in j.displacers]
+        return [*self.skin_displacers, *of_joints, *(d for j in joints for s in j.segments for d in s.displacers)]

@@ -11,6 +11,7 @@ from functools import cache
 from importlib.resources import files
 
 from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField
+from vitruvian.hanim.values import default_of
 
 _ACCESS = {
     "field": "initializeOnly",
@@ -34,9 +35,17 @@ def fields_of(version: str, name: str) -> set[str]:
     return set(_interfaces(version)[name])
 
 
-def prototypes(version: str) -> list[Proto]:
-    """The declarations for "200x" or "1.1", in an order in which each may be used by the next."""
-    return [_proto(version, name) for name in ("Displacer", "Site", "Segment", "Joint", "Humanoid")]
+def prototypes(version: str, extra: dict[str, dict[str, str]] | None = None) -> list[Proto]:
+    """The declarations for "200x" or "1.1", in an order in which each may be used by the next.
+
+    `extra`: further exposed fields per prototype, name -> type, as the robot dialect has them.
+    """
+    found = [_proto(version, name) for name in ("Displacer", "Site", "Segment", "Joint", "Humanoid")]
+    for proto in found:
+        for name, kind in (extra or {}).get(proto.name, {}).items():
+            default = default_of(kind, "vrml")
+            proto.interface.append(ProtoField("inputOutput", kind, name, Literal(default, "vrml")))
+    return found
 
 
 def _default(kind: str, text: str | None) -> Literal | None:

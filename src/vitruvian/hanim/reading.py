@@ -14,8 +14,8 @@ from vitruvian.hanim.values import parse
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
-KINDS = ("Humanoid", "Joint", "Segment", "Site", "Displacer", "Motion")
-_NAME = re.compile(r"(?:HAnim)?(Humanoid|Joint|Segment|Site|Displacer|Motion)(?:_?\d[\w.]*)?\Z")
+KINDS = ("Humanoid", "Joint", "Segment", "Site", "Displacer", "Motion", "Pose")
+_NAME = re.compile(r"(?:HAnim)?(Humanoid|Joint|Segment|Site|Displacer|Motion|Pose)(?:_?\d[\w.]*)?\Z")
 # Fields that only one kind of prototype has in its interface: how prototypes under other names are recognised.
 _MARKS = (
     ("humanoidBody", "Humanoid"),
@@ -27,6 +27,7 @@ _MARKS = (
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
 _SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
+_LENGTHS |= {"bboxCenter", "position"}
 
 
 def leniently(text: str) -> Floats:
@@ -74,7 +75,7 @@ class Reading:
 
     def _find_kind(self, name: str) -> str:
         match = _NAME.match(name)
-        if match and (match[1] != "Motion" or name.startswith("HAnim")):
+        if match and (match[1] not in {"Motion", "Pose"} or name.startswith("HAnim")):
             return match[1]
         fields = {f.name for f in self.protos[name].interface} if name in self.protos else set()
         return next((kind for mark, kind in _MARKS if mark in fields), "")
@@ -177,6 +178,10 @@ class Reading:
             return self._shared[key]
         return self._many(node, field, kind, width)
 
+    def was_read(self, node: Node, field: str) -> bool:
+        """Whether `numbers` has answered this shared array before."""
+        return (id(node), field) in self._shared
+
     def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
         array = self._numbers(node, field, kind)
@@ -264,6 +269,25 @@ class Reading:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
             self.mend(node, field, default)
             return default
+
+    def softly(self, node: Node, field: str, kind: str, default: object) -> object:
+        """The value of a field that no movement depends on: unreadable, it is the default, with a warning.
+
+        Lengths and angles are in SI units; a rotation has a unit axis.
+        """
+        raw = self.raw(node, field)
+        if raw is None:
+            return default
+        try:
+            value = parse(raw, kind, self.path) if isinstance(raw, Literal) else raw
+        except FileError as error:
+            self.defect(f"unreadable {field}", f"{self.who(node)} {field}: {error.what}; read as its default", node)
+            return default
+        if kind == "SFRotation":
+            return self._rotation(np.array(value, dtype=np.float64), node, field)
+        if field in _LENGTHS:
+            return np.asarray(value, dtype=np.float64) * self.length
+        return value
 
     def who(self, node: Node) -> str:
         """How messages call a node: its kind and its name or DEF."""

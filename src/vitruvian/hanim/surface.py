@@ -19,6 +19,11 @@ _PRIMITIVES = {"Box", "Sphere", "Cylinder", "Cone"}
 _DEPTH = 512
 
 
+def drawable(node: Node) -> bool:
+    """Whether `shapes` looks for surfaces in a node."""
+    return node.type in {"Shape", "Transform", "Switch", "LOD"} or node.type in _GROUPS
+
+
 def transform_of(reading: Reading, node: Node) -> Floats:
     """(4, 4) of a Transform's fields: T C R SR S -SR -C, column vectors."""
     return matrix(

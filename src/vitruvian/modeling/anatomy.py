@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 
-from vitruvian.body.types import Floats, Ints, Weights
+from vitruvian.body.types import Floats, Ints
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Joint, Segment, Site
+from vitruvian.modeling import mass
 from vitruvian.modeling.source import POINTS, array, manifest
 
-DENSITY = 1050.0  # kg/m3, of the whole body
 FINGERS = {1: "thumb", 2: "index", 3: "middle", 4: "ring", 5: "pinky"}
 
 # Limits in degrees about X, Y, Z of the rest pose, left side; None is free. Ranges of motion of healthy adults, rounded
@@ -113,30 +113,19 @@ def skeleton(loa: int, where: Floats) -> dict[str, Joint]:
     return found
 
 
-def add_masses(joints: dict[str, Joint], points: Floats, triangles: Ints, weights: Weights, loa: int) -> float:
-    """Set mass and centre of mass of every Segment and answer the whole mass, kg.
-
-    Each surface triangle with the centre of its strongest joint spans a tetrahedron that belongs to that joint; the sum
-    is scaled to the volume of the body times its density.
+def add_masses(joints: dict[str, Joint], points: Floats, pieces: mass.Wedges) -> float:
+    """Set mass, centre of mass and inertia of every Segment from the bare body (its `points` and how it is cut, one
+    piece per joint) and answer the whole mass, kg: the volume of the body times its density.
     """
-    strongest = weights.top(1)[0][:, 0]
-    owner = strongest[triangles[:, 0]]
-    chosen = names()
-    at = folded(loa)
-    apex = np.array([joints[at[n]].center for n in chosen])[owner]
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    whole = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-    volume = np.einsum("ij,ij->i", a - apex, np.cross(b - apex, c - apex)) / 6
-    middle = (a + b + c + apex) / 4
-    scale = whole * DENSITY / volume.sum()
-    groups = np.array([list(joints).index(at[n]) for n in chosen])[owner]
-    masses = np.bincount(groups, volume, len(joints)) * scale
-    moments = np.stack([np.bincount(groups, volume * middle[:, k], len(joints)) * scale for k in range(3)], 1)
-    for k, joint in enumerate(joints.values()):
-        if masses[k] > 1e-6:
-            joint.segments[0].mass = float(masses[k])
-            joint.segments[0].center_of_mass = moments[k] / masses[k]
-    return whole * DENSITY
+    volume, first, second = mass.filled(points, pieces, mass.bones(list(joints.values())))
+    whole = mass.enclosed(points, pieces)
+    density = whole * mass.DENSITY / volume[volume > 0].sum()
+    for joint, m in zip(
+        joints.values(), mass.pieces_of(volume, first, second, np.full(len(volume), density)), strict=True
+    ):
+        if m is not None:
+            mass.put(joint.segments[0], m)
+    return whole * mass.DENSITY
 
 
 def add_sites(joints: dict[str, Joint], loa: int, places: dict[str, Floats], tips: dict[str, Floats]) -> None:

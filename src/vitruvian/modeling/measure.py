@@ -17,6 +17,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling import anatomy, source
+from vitruvian.modeling.mass import DENSITY
 from vitruvian.modeling.shape import WEIGHTS, Shape, shaped
 
 NAMES = (
@@ -116,7 +117,7 @@ def measured(points: Floats) -> dict[str, float]:
 def body_mass(points: Floats) -> float:
     """Volume inside the skin times the density of the body, kg."""
     a, b, c = (points[source.array("triangles")[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6 * anatomy.DENSITY)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6 * DENSITY)
 
 
 def _with(shape: Shape, sliders: list[str], values: Floats) -> Shape:

@@ -17,6 +17,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, skin_colors
+from vitruvian.modeling.mass import Wedges, wedges
 from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
 from vitruvian.modeling.rest import at_rest, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
@@ -105,7 +106,7 @@ def humanoid_of(
     weights = _weights(assembly.parents, loa)
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
-    mass = anatomy.add_masses(joints, where[body], source.array("triangles"), _weights(assembly.parents[body], 4), loa)
+    mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
     anatomy.add_sites(joints, loa, feature_places(where), ends)
     by_joint = np.argsort(weights.joint, kind="stable")
     bounds = np.searchsorted(weights.joint[by_joint], np.arange(len(joints) + 1))
@@ -205,6 +206,17 @@ def _folding(loa: int) -> csr_matrix:
     columns = [kept.index(anatomy.folded(loa)[n]) for n in anatomy.names()]
     size = len(columns)
     return csr_matrix((np.ones(size), (np.arange(size), columns)), (size, len(kept)))
+
+
+@cache
+def _body_pieces(loa: int) -> Wedges:
+    """How the bare body falls into one piece per joint: every triangle follows its joint of greatest weight."""
+    triangles = source.array("triangles")
+    weights = (_weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
+    rows = sum(weights[triangles[:, k]] for k in range(3))
+    owner = np.asarray(rows.argmax(axis=1)).reshape(-1)
+    bone = np.asarray(weights.argmax(axis=1)).reshape(-1)
+    return wedges(triangles, owner, bone, weights.shape[1])
 
 
 def _weights(parents: csr_matrix, loa: int) -> Weights:

@@ -8,9 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from vitruvian.body.rotations import from_axis_angle, from_euler, from_vector, multiply, slerp, to_euler
+from vitruvian.body.rotations import (
+    from_axis_angle,
+    from_euler,
+    from_vector,
+    inverse,
+    multiply,
+    rotate,
+    slerp,
+    to_euler,
+)
 from vitruvian.body.types import Floats, Skeleton, require
-from vitruvian.errors import warn
+from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
 from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
@@ -22,23 +31,81 @@ def motion_of(
 ) -> Motion | None:
     """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
 
-    The first enabled HAnimMotion (else the first) at its own rate, or without any the interpolators of the TimeSensor
-    that drives most tracks, sampled at `fps` (None: at the rate that the tracks were made with, else 30).
-    `name` picks a motion by name or a TimeSensor by DEF. `rebase`: positions are taken as places (as in BVH) instead of
-    offsets, so the rest centre is taken off them.
-    Joints without animation keep the pose of the file.
+    The first enabled HAnimMotion at its own rate, else the interpolators of the TimeSensor that drives most tracks (a
+    HAnimMotion that is not enabled comes last), sampled at `fps` (None: at the rate they were made with or at
+    their keys where these are even, else 30).
+    `name` picks one of `clip_names`. `rebase`: positions are taken as places (as in BVH) instead of offsets, so the
+    rest centre is taken off them. Joints without animation keep the pose of the file.
+    Raises `VitruvianError` for a name it does not have.
     """
     data = [m for m in humanoid.motions if m.values.size and (name is None or m.name == name)]
-    if data:
-        chosen = next((m for m in data if m.enabled), data[0])
-        return _from_data(chosen, skeleton, rebase)
-    tracks = [t for t in humanoid.tracks if len(t.keys) and (name is None or t.timer == name)]
+    tracks = [t for t in humanoid.tracks if len(t.keys)]
+    playing = [m for m in data if _plays(humanoid, m)]
+    if playing or data and (name is not None or not tracks):
+        return _from_data((playing or data)[0], skeleton, rebase)
+    if name is not None:
+        tracks = [t for t in tracks if name in (t.timer, timer_name(humanoid, t.timer))]
+        if not tracks:
+            known = ", ".join(clip_names(humanoid)) or "none"
+            raise VitruvianError(f"humanoid {humanoid.name!r}: expected a clip named {name!r}, found {known}")
     if not tracks:
         return None
     timers = [t.timer for t in tracks]
     timer = max(dict.fromkeys(timers), key=timers.count)
-    chosen_tracks = [t for t in tracks if t.timer == timer]
-    return _from_tracks(chosen_tracks, skeleton, fps or max(t.rate for t in chosen_tracks) or 30.0)
+    chosen = [t for t in tracks if t.timer == timer]
+    return _from_tracks(humanoid, chosen, skeleton, fps or max(t.rate for t in chosen) or None)
+
+
+def _plays(humanoid: Humanoid, motion: MotionData) -> bool:
+    """Whether a browser plays it: enabled itself and in the humanoid's `motions_enabled` (4.1 draft)."""
+    at = next(k for k, m in enumerate(humanoid.motions) if m is motion)
+    flags = humanoid.motions_enabled
+    return motion.enabled and (at >= len(flags) or flags[at])
+
+
+def timer_name(humanoid: Humanoid, timer: str) -> str:
+    """What a clip of interpolators is called: the DEF of its TimeSensor without the humanoid's prefix."""
+    for prefix in ("hanim_", f"{humanoid.name}_"):
+        if prefix != "_" and timer.startswith(prefix) and len(timer) > len(prefix):
+            return timer[len(prefix) :]
+    return timer
+
+
+def clip_names(humanoid: Humanoid) -> dict[str, float]:
+    """Name of every clip in a humanoid -> its seconds: HAnimMotions first, then interpolators by their TimeSensor."""
+    out = {m.name: len(played_frames(m)) * m.frame_duration for m in humanoid.motions if m.values.size}
+    for t in humanoid.tracks:
+        if len(t.keys):
+            out.setdefault(timer_name(humanoid, t.timer), t.interval)
+    return out
+
+
+def played_frames(motion: MotionData) -> list[int]:
+    """The frames that an HAnimMotion shows, in order: start to end frame (0: the last) in steps of the increment.
+
+    Start and end in the wrong order are exchanged; an increment of 0 stands still at the frame index.
+    """
+    last = len(motion.values) - 1
+    end = min(motion.end_frame, last) if motion.end_frame > 0 else last
+    low, high = sorted((min(max(motion.start_frame, 0), last), end))
+    if motion.frame_increment == 0:
+        return [min(max(motion.frame_index, low), high)]
+    frames = list(range(low, high + 1, abs(motion.frame_increment)))
+    return frames if motion.frame_increment > 0 else list(range(high, low - 1, motion.frame_increment))
+
+
+def _enabled(data: MotionData) -> list[list[bool]]:
+    """`channels_enabled` as one flag per channel and group: it is given per group or per channel."""
+    flags = list(data.channels_enabled)
+    if len(flags) == len(data.channels) or not flags:
+        whole = flags or [True] * len(data.channels)
+        return [[on] * len(group) for on, group in zip(whole, data.channels)]
+    flags += [True] * sum(len(g) for g in data.channels)
+    out, at = [], 0
+    for group in data.channels:
+        out.append(flags[at : at + len(group)])
+        at += len(group)
+    return out
 
 
 def _joint(skeleton: Skeleton, name: str) -> int | None:
@@ -78,13 +145,17 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     require(values.ndim == 2 and values.shape[1] == width, title, f"values of shape (frames, {width})", values.shape)
     require(bool(np.isfinite(values).all()), title, "finite values", "NaN or infinity")
     require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
+    values = values[played_frames(data)]
     rotation, shift = _pose(skeleton, len(values))
-    column, lost = 0, []
-    for joint, channels in zip(data.joints, data.channels):
-        columns = range(column, column + len(channels))
-        column += len(channels)
-        if joint == "IGNORED":
+    column, lost, scaled = 0, [], []
+    for joint, group, on in zip(data.joints, data.channels, _enabled(data)):
+        columns = [k for k, yes in enumerate(on, column) if yes]
+        channels = [c for c, yes in zip(group, on) if yes]
+        column += len(group)
+        if joint == "IGNORED" or not channels:
             continue
+        if any(c[1:].lower() == "scale" for c in channels):
+            scaled.append(joint)
         j = _joint(skeleton, joint)
         if j is None:
             lost.append(joint)
@@ -113,6 +184,8 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
             f"{title}: the skeleton has no joint {', '.join(lost[:5])}; "
             f"{len(lost)} of {len(data.joints)} groups left out"
         )
+    if scaled:
+        warn(f"{title}: a motion turns and moves joints but does not scale them; scale of {scaled[0]} left out")
     loop = data.loop and len(values) > 1
     if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
         rotation, shift = rotation[:-1], shift[:-1]
@@ -120,9 +193,19 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
 
 
 def _same_frame(rotation: Floats, shift: Floats) -> bool:
-    """Whether the last frame is the first again."""
+    """Whether the last frame is the first again, but for a root that goes on its way."""
     same = np.abs(np.sum(rotation[0] * rotation[-1], axis=-1)) > 1 - 1e-7
-    return bool(same.all() and np.abs(shift[0] - shift[-1]).max(initial=0.0) < 1e-5)
+    places = np.abs(shift[0] - shift[-1]).max(axis=-1) < 1e-5
+    return bool(same.all() and places[1:].all() and (places[0] or _goes_on(shift[:, 0])))
+
+
+def _goes_on(places: Floats) -> bool:
+    """Whether places (n,3) lead somewhere and end with the step before once more, as `_frames_to_write` ends them."""
+    if len(places) < 4:
+        return False
+    step = np.linalg.norm(np.diff(places[:-1], axis=0), axis=1).max()
+    far = np.linalg.norm(places[-2] - places[0]) > 3 * max(step, 1e-9)
+    return bool(far and np.abs(places[-1] - 2 * places[-2] + places[-3]).max() < 1e-5)
 
 
 def sample_track(track: Track, fraction: Floats) -> Floats:
@@ -145,36 +228,83 @@ def sample_track(track: Track, fraction: Floats) -> Floats:
     return values[right - 1] + (values[right] - values[right - 1]) * t[:, None]
 
 
-def _from_tracks(tracks: list[Track], skeleton: Skeleton, fps: float) -> Motion:
+def _rate(tracks: list[Track]) -> float | None:
+    """Frames per second at which every key of these tracks falls on a frame; None when they are not even."""
+    interval, count = tracks[0].interval, max(len(t.keys) for t in tracks)
+    even = np.linspace(0.0, 1.0, count)
+    for t in tracks:
+        if t.interval != interval or len(t.keys) not in (1, count):
+            return None
+        if len(t.keys) == count and np.abs(np.asarray(t.keys) - even).max() > 1e-6:
+            return None
+    return (count - 1) / interval if count > 2 and interval > 0 else None
+
+
+def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fps: float | None) -> Motion:
     interval = max(float(t.interval) for t in tracks)
     require(0 < interval < np.inf, f"TimeSensor {tracks[0].timer}", "a cycleInterval above zero", interval)
     loop = all(t.loop for t in tracks)
+    even = _rate(tracks)
+    rate = fps or even or 30.0
     closed = loop and all(_closed(t) for t in tracks)
-    frames = max(1, int(round(interval * fps))) + (0 if closed else 1)
-    fraction = np.clip(np.arange(frames) / max(interval * fps, 1e-9), 0.0, 1.0)
+    frames = max(1, int(round(interval * rate))) + (0 if closed else 1)
+    fraction = np.clip(np.arange(frames) / max(interval * rate, 1e-9), 0.0, 1.0)
     rotation, shift = _pose(skeleton, frames)
     weights: dict[str, Floats] = {}
     lost = []
+    carried: dict[str, Floats] = {}
     for track in tracks:
+        exact = fps is None and even and len(track.keys) > 1  # frames are its keys, however these were rounded
+        at = np.asarray(track.keys, dtype=np.float64)[:frames] if exact else fraction
         if track.field == "weight":
-            weights[track.target] = sample_track(track, fraction)[:, 0]
+            weights[track.target] = sample_track(track, at)[:, 0]
             continue
-        j = _joint(skeleton, track.target)
+        if not track.target and track.field in ("rotation", "translation"):
+            carried[track.field] = sample_track(track, at)
+            continue
+        j = _joint(skeleton, track.target) if track.target else None
         if j is None or track.field not in ("rotation", "translation"):
             lost.append(f"{track.target or 'the humanoid'} {track.field}")
         elif track.field == "rotation":
-            rotation[:, j] = sample_track(track, fraction)
+            rotation[:, j] = sample_track(track, at)
         else:
-            shift[:, j] = sample_track(track, fraction)
+            shift[:, j] = sample_track(track, at)
+    if carried:
+        _carry(humanoid, skeleton, carried, rotation, shift)
     if lost:
         warn(f"animation {tracks[0].timer}: {', '.join(lost[:4])} can't be carried by a motion of joints; left out")
-    return _finish(skeleton, fps, rotation, shift, weights, loop, tracks[0].timer)
+    return _finish(skeleton, rate, rotation, shift, weights, loop, timer_name(humanoid, tracks[0].timer))
+
+
+def _carry(humanoid: Humanoid, skeleton: Skeleton, moved: dict[str, Floats], rotation: Floats, shift: Floats) -> None:
+    """Let the root joint do what moves the humanoid as a whole, so that both look the same in the file's own place.
+
+    With P the humanoid's own transform and P' the moving one, roots get inverse(P) P' in front of theirs.
+    """
+    count = len(rotation)
+    still = from_axis_angle(humanoid.rotation)
+    turn = moved.get("rotation", np.repeat(still[None], count, axis=0))
+    place = moved.get("translation", np.repeat(humanoid.translation[None], count, axis=0))
+    if not np.allclose(humanoid.scale, humanoid.scale[0]) or humanoid.scale[0] == 0:
+        warn(f"humanoid {humanoid.name}: it is scaled unevenly, so its own movement is left out")
+        return
+    scale, center = float(humanoid.scale[0]), humanoid.center
+    back = inverse(still)
+    turned = multiply(back, turn)  # the scale is the same both ways
+    # P x = t + c + s R (x - c): P^-1 P' x = c + R^-1 (t' - t) / s + R^-1 R' (x - c)
+    moved_by = rotate(back, place - humanoid.translation) / scale
+    for j in np.flatnonzero(skeleton.parents < 0):
+        own = skeleton.centers[j] + shift[:, j] - center
+        shift[:, j] = center + moved_by + rotate(turned, own) - skeleton.centers[j]
+        rotation[:, j] = multiply(turned, rotation[:, j])
 
 
 def _closed(track: Track) -> bool:
     ends = sample_track(track, np.array([0.0, 1.0]))
     if track.field == "rotation":
         return bool(abs(ends[0] @ ends[1]) > 1 - 1e-7)
+    if track.field == "translation" and _goes_on(np.asarray(track.values, dtype=np.float64)):
+        return True
     return bool(np.abs(ends[0] - ends[1]).max() < 1e-6)
 
 
