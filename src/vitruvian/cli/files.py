@@ -59,7 +59,7 @@ def _self_facts() -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
-    file: Path | None = typer.Argument(None, help="X3D, VRML, BVH or OBJ file."),
+    file: Path | None = typer.Argument(None, help="X3D (XML, Classic, JSON), VRML, BVH or OBJ file."),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -73,7 +73,7 @@ def info(
         raise VitruvianError("info: expected a file (or --self)")
     from vitruvian.formats import registry
 
-    form = registry.extension(file)
+    form = registry.kind(file)
     document: dict[str, Any] = {"format": form.lstrip(".")}
     if form in registry.SCENES:
         document["humanoids"] = [_humanoid_facts(h) for h in registry.humanoids(file, repair=repair)]

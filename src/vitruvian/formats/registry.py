@@ -21,14 +21,17 @@ SCENES = {
     ".x3dv": ("vrml", "read_vrml"),
     ".wrl": ("vrml", "read_vrml"),
     ".wrz": ("vrml", "read_vrml"),
+    ".x3dj": ("x3d_json", "read_json"),
 }
+# A .json file is what its key on top says: key -> extension of the same kind
+JSON_KINDS = {"X3D": ".x3dj"}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj")
+WRITERS = (".x3d", ".x3dv", ".wrl", ".x3dj", ".json", ".glb", ".bvh", ".obj")
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -38,6 +41,26 @@ def _function(where: tuple[str, str]) -> Callable[..., Any]:
 def extension(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     return suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else (suffixes or [""])[-1]
+
+
+def kind(path: str | Path) -> str:
+    """The extension that says how to read a file: its own or, for .json, that of what the file's top holds.
+
+    FileError for a .json file of which nobody knows the kind.
+    """
+    path = Path(path)
+    form = extension(path)
+    if form != ".json":
+        return form
+    from vitruvian.formats.json_tree import top_keys
+
+    keys = top_keys(_existing(path))
+    for key in keys:
+        if key in JSON_KINDS:
+            return JSON_KINDS[key]
+    wanted = " or ".join(f'{{"{key}": ...}}' for key in JSON_KINDS)
+    found = ", ".join(repr(key[:30]) for key in keys[:4]) or "no object with keys"
+    raise FileError(path, 1, f"expected {wanted} at the top of a .json file, found {found}")
 
 
 def _existing(path: str | Path) -> Path:
@@ -52,7 +75,7 @@ def _existing(path: str | Path) -> Path:
 def scene(path: str | Path) -> Scene:
     """The scene graph of an X3D or VRML file. Raises `FileError` where it can't be read."""
     path = _existing(path)
-    where = SCENES.get(extension(path))
+    where = SCENES.get(kind(path))
     if where is None:
         raise VitruvianError(f"{path}: expected a scene ({', '.join(sorted(SCENES))})")
     return _function(where)(path)
@@ -66,18 +89,20 @@ def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
 
 
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl), `Motion` (.bvh) or `Mesh` (.obj).
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl), `Motion` (.bvh) or `Mesh` (.obj).
+
+    A .json file is what the key on its top says: {"X3D": ...} is a scene.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
     path = _existing(path)
-    form = extension(path)
+    form = kind(path)
     if form in READERS:
         return _function(READERS[form])(path, **options)
     if form not in SCENES:
-        known = ", ".join(sorted({*SCENES, *READERS}))
+        known = ", ".join(sorted({*SCENES, *READERS, ".json"}))
         raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
     found = humanoids(path, repair=repair)
     if not found:
@@ -166,7 +191,7 @@ def _save_scene(thing: Any, path: Path, extension: str, hanim: str | None) -> li
         humanoid = thing
     else:
         raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
-    built, lost = scene_of([humanoid], version=hanim, encoding=extension[1:])
+    built, lost = scene_of([humanoid], version=hanim, encoding="x3dj" if extension == ".json" else extension[1:])
     write_scene(built, path)
     return lost
 
@@ -177,6 +202,10 @@ def write_scene(graph: Scene, path: str | Path) -> None:
         from vitruvian.formats.x3d import write_x3d
 
         write_x3d(graph, path)
+    elif graph.encoding == "x3dj":
+        from vitruvian.formats.x3d_json import write_json
+
+        write_json(graph, path)
     else:
         from vitruvian.formats.vrml import write_vrml
 
@@ -200,7 +229,8 @@ def fix(path: str | Path, out: str | Path) -> list[str]:
 
     graph = scene(path)
     done = mend(graph, path)
-    if extension(Path(out)) != f".{graph.encoding}":
+    form = extension(Path(out))
+    if form != f".{graph.encoding}" and (form, graph.encoding) != (".json", "x3dj"):
         raise VitruvianError(f"{out}: a repaired file keeps its encoding; expected .{graph.encoding}")
     write_scene(graph, out)
     return done

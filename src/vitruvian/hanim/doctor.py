@@ -18,6 +18,7 @@ from vitruvian.errors import FileError
 from vitruvian.hanim.fields import container_of, fields_of
 from vitruvian.hanim.graph import Literal, Node, Scene, Use
 from vitruvian.hanim.reading import Reading, leniently
+from vitruvian.hanim.values import bare
 
 Floats = NDArray[np.float64]
 # Severity of each rule: E broken, W likely wrong, N style.
@@ -127,7 +128,7 @@ class Chart:
     def _numbers(self, node: Node, field: str) -> Floats:
         raw = self.reading.raw(node, field)
         if isinstance(raw, Literal):
-            return leniently(raw.text)
+            return leniently(bare(raw))
         if raw is None or isinstance(raw, Node | Use | str):
             return np.zeros(0)
         try:
@@ -145,7 +146,7 @@ class Chart:
         """A string field, stripped; "" when absent or unreadable."""
         raw = self.reading.raw(node, field)
         if isinstance(raw, Literal):
-            return raw.text.strip().strip("[]").strip().strip('"').strip()
+            return bare(raw).strip().strip("[]").strip().strip('"').strip()
         if isinstance(raw, list):
             return " ".join(str(v) for v in raw)
         return str(raw).strip() if isinstance(raw, str) else ""

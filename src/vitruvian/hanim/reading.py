@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, warn
 from vitruvian.hanim.graph import Literal, Node, Proto, Scene
-from vitruvian.hanim.values import parse
+from vitruvian.hanim.values import bare, parse
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -123,7 +123,7 @@ class Reading:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
         except FileError as error:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            return leniently(raw.text) if isinstance(raw, Literal) else None
+            return leniently(bare(raw)) if isinstance(raw, Literal) else None
         except (TypeError, ValueError):
             self.broken(f"{self.who(node)} {field}: expected {kind}, found something else", node)
             return None
@@ -270,7 +270,7 @@ class Reading:
         raw = node.fields.get("name")
         name = ""
         if isinstance(raw, Literal):
-            name = raw.text.strip().strip('"')
+            name = bare(raw).strip().strip('"')
         elif isinstance(raw, str):
             name = raw
         return f"{self.kind(node).lower() or node.type} {name or node.name}".strip()
