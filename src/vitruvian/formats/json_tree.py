@@ -24,6 +24,12 @@ _COMMA = r"[ \t\n]*+,[ \t\n]*+"
 _X3D = re.compile(r'\s*+\{\s*+"X3D"\s*+:')
 _BLANK = re.compile(r"[ \t\n]*+")
 _KEY = re.compile(rf"[ \t\n]*+({_STRING})[ \t\n]*+:[ \t\n]*+", re.DOTALL)
+# A key with a plain value or a list of numbers and what comes after them: most of what is in a file.
+_SIMPLE = re.compile(
+    rf"[ \t\n]*+({_STRING})[ \t\n]*+:[ \t\n]*+"
+    rf"({_STRING}|{_NUMBER}|true|false|null|\[[ \t\n]*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+[ \t\n]*+\])[ \t\n]*+([,}}])",
+    re.DOTALL | re.ASCII,
+)
 # A list of numbers as JSON has them, a list of any plain values, and one plain value.
 _NUMBERS = re.compile(rf"\[[ \t\n]*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+[ \t\n]*+\]", re.ASCII)
 _FLAT = re.compile(
@@ -37,7 +43,7 @@ _TOLERATED = re.compile(r"[-+]?(?:(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][-+]?[0
 _NOT_FINITE = re.compile(r"[-+]?(?:nan|inf(?:inity)?+)", re.ASCII | re.IGNORECASE)
 
 
-@dataclass(slots=True, frozen=True)
+@dataclass(slots=True, eq=False)
 class Span:
     """A value that holds no objects: a string, number, true, false, null, or a list of such, as it stands."""
 
@@ -71,6 +77,7 @@ class Tree:
     def __init__(self, path: object, text: str, *, limits: Limits = LIMITS):
         self.path, self.text, self.limits = path, text, limits
         self.ends = [m.start() for m in re.finditer("\n", text)]
+        self.count = 0
         self.told = False  # about numbers that aren't JSON's
         self.top = self._read()
 
@@ -106,85 +113,102 @@ class Tree:
         return [s for v in values if (s := self.string(v)) is not None]
 
     def _read(self) -> Value:
-        text, size = self.text, len(self.text)
-        deepest, most = 4 * self.limits.depth + 16, self.limits.entries + 3 * self.limits.nodes
+        text = self.text
+        deepest = 4 * self.limits.depth + 16
         stack: list[Object | List] = []
-        count = 0
-        place = _BLANK.match(text).end()  # type: ignore[union-attr]
-        key, key_place = "", place
-        while True:
-            # A value stands at `place`.
-            opener = text[place : place + 1]
-            value: Value
-            opened = False
-            if opener == "{":
-                value, opened, place = Object(place), True, place + 1
-            elif opener == "[":
-                flat = _NUMBERS.match(text, place)
-                if flat is None and (flat := _FLAT.match(text, place)) is not None:
-                    self._judge(flat.start(), flat.end())
-                if flat is None or text[place + 1 : flat.end() - 1].isspace() or flat.end() == place + 2:
-                    value, opened, place = List(place), True, place + 1
-                else:
-                    value, place = Span(place, flat.end()), flat.end()
-            else:
-                plain = _PLAIN.match(text, place)
-                if plain is None:
-                    if opener == '"':
-                        raise self.fail(place, "a string is not closed")
-                    raise self.fail(place, f"expected a value, found {self.found(place)}")
-                if opener != '"':
-                    self._judge(place, plain.end())
-                value, place = Span(place, plain.end()), plain.end()
-            count += 1
-            if count > most:
-                raise self.fail(place, f"more than {most} values")
-            if stack:
-                holder = stack[-1]
-                if isinstance(holder, Object):
-                    holder.items[key] = (key_place, value)
-                else:
-                    holder.items.append(value)
-            else:
-                top = value
-            if opened:
-                if len(stack) >= deepest:
-                    raise self.fail(place, f"objects and lists are nested deeper than {deepest}")
-                stack.append(value)  # type: ignore[arg-type]
-            first = opened
-            # What comes after a value, or first in what was opened: commas, ends, and the key of the next value.
-            while True:
-                place = _BLANK.match(text, place).end()  # type: ignore[union-attr]
-                if not stack:
-                    if place < size:
-                        raise self.fail(place, f"expected the end of the file, found {self.found(place)}")
-                    return top
-                holder = stack[-1]
-                closer = "}" if isinstance(holder, Object) else "]"
-                here = text[place : place + 1]
-                if here == closer:
-                    place += 1
-                    if isinstance(holder, List):
-                        holder.end = place
+        top, place = self._value(_BLANK.match(text).end())  # type: ignore[union-attr]
+        if not isinstance(top, Span):
+            stack.append(top)
+        after, comma = False, False  # whether a value stands before this place, or a comma
+        while stack:
+            holder = stack[-1]
+            if not after and isinstance(holder, Object):
+                place, after, comma = self._simple(holder, place, comma)
+                if after:
                     stack.pop()
-                    first = False
                     continue
-                if not first:
-                    if here != ",":
-                        raise self._unended(holder, place, f"expected , or {closer}")
-                    place = _BLANK.match(text, place + 1).end()  # type: ignore[union-attr]
-                    if text[place : place + 1] == closer:
-                        raise self.fail(place, f"expected a value after the comma, found {closer!r}")
-                break
+            place = _BLANK.match(text, place).end()  # type: ignore[union-attr]
+            here, closer = text[place : place + 1], "}" if isinstance(holder, Object) else "]"
+            if here == closer:
+                if comma:
+                    raise self.fail(place, f"expected a value after the comma, found {closer!r}")
+                place, after = place + 1, True
+                if isinstance(holder, List):
+                    holder.end = place
+                stack.pop()
+                continue
+            if after:
+                if here != ",":
+                    raise self._unended(holder, place, f"expected , or {closer}")
+                place, after, comma = place + 1, False, True
+                continue
+            comma = False
             if isinstance(holder, Object):
                 match = _KEY.match(text, place)
                 if match is None:
                     raise self._unended(holder, place, 'expected "key":')
-                key, key_place, place = unquoted(match[1]), match.start(1), match.end()
-                if key in holder.items:
-                    raise self.fail(key_place, f"{match[1][:60]} is given twice in one object; leave one")
+                key = self._key(holder, match)
+                value, place = self._value(match.end())
+                holder.items[key] = (match.start(1), value)
             elif not here:
                 raise self._unended(holder, place, "expected a value or ]")
+            else:
+                value, place = self._value(place)
+                holder.items.append(value)
+            after = isinstance(value, Span)
+            if not isinstance(value, Span):
+                if len(stack) >= deepest:
+                    raise self.fail(place, f"objects and lists are nested deeper than {deepest}")
+                stack.append(value)
+        place = _BLANK.match(text, place).end()  # type: ignore[union-attr]
+        if place < len(text):
+            raise self.fail(place, f"expected the end of the file, found {self.found(place)}")
+        return top
+
+    def _simple(self, holder: Object, place: int, comma: bool) -> tuple[int, bool, bool]:
+        """Keys with plain values, as many as come: (place behind them, whether the object ends, whether a comma did)."""
+        items, text = holder.items, self.text
+        while (match := _SIMPLE.match(text, place)) is not None:
+            items[self._key(holder, match)] = (match.start(1), Span(*match.span(2)))
+            self._counted(place)
+            place = match.end()
+            if match[3] == "}":
+                return place, True, False
+            comma = True
+        return place, False, comma
+
+    def _key(self, holder: Object, match: re.Match[str]) -> str:
+        key = unquoted(match[1])
+        if key in holder.items:
+            raise self.fail(match.start(1), f"{match[1][:60]} is given twice in one object; leave one")
+        return key
+
+    def _value(self, place: int) -> tuple[Value, int]:
+        """The value at a place and where it ends; of an object or list with more than plain values, where it begins."""
+        text = self.text
+        self._counted(place)
+        opener = text[place : place + 1]
+        if opener == "{":
+            return Object(place), place + 1
+        if opener == "[":
+            flat = _NUMBERS.match(text, place) or _FLAT.match(text, place)
+            if flat is None or _BLANK.match(text, place + 1).end() == flat.end() - 1:  # type: ignore[union-attr]
+                return List(place), place + 1
+            self._judge(*flat.span())
+            return Span(*flat.span()), flat.end()
+        plain = _PLAIN.match(text, place)
+        if plain is None:
+            if opener == '"':
+                raise self.fail(place, "a string is not closed")
+            raise self.fail(place, f"expected a value, found {self.found(place)}")
+        if opener != '"':
+            self._judge(*plain.span())
+        return Span(*plain.span()), plain.end()
+
+    def _counted(self, place: int) -> None:
+        self.count += 1
+        if self.count > self.limits.entries + 3 * self.limits.nodes:
+            raise self.fail(place, f"more than {self.limits.entries + 3 * self.limits.nodes} values")
 
     def _unended(self, holder: Object | List, place: int, expected: str) -> FileError:
         if place >= len(self.text):
@@ -194,6 +218,8 @@ class Tree:
 
     def _judge(self, start: int, end: int) -> None:
         """Refuse words that mean nothing; tell once about numbers that JSON writes otherwise."""
+        if _NUMBERS.fullmatch(self.text, start, end):
+            return
         for match in _IN_FLAT.finditer(self.text, start, end):
             word = match[1]
             if word is None or _LEGAL.match(word):

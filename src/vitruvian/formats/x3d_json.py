@@ -436,13 +436,15 @@ class _Reader:
             fields[name] = Literal("null", "json", self.tree.line(place))
             return
         items: list[Node | Use | Comment] = []
-        fields[name] = items
         yield from self.loose(node, name, place, self.entries(value), items)
         found = [v for v in items if not isinstance(v, Comment)]
         remarks = [v for v in items if isinstance(v, Comment)]
         if name == "children" and not found and kind != "MFNode" and (remarks or pending):
-            del fields[name]
             pending += remarks
+        elif name in fields:  # by "@name", by a fieldValue, or by nodes that name it themselves
+            self.warn(place, f"{node.type} gives {name[:60]} twice; the later nodes count")
+            fields[name] = [*pending, *items]
+            pending.clear()
         elif kind == "SFNode" and len(found) == 1 or (kind != "MFNode" and isinstance(value, Object) and len(found) == 1):
             fields[name] = found[0]
             node.comments.extend((name, c) for c in [*pending, *remarks])
@@ -450,7 +452,7 @@ class _Reader:
         elif not found and not remarks and kind == "SFNode":
             fields[name] = Literal("null", "json", self.tree.line(place))
         else:
-            items[:0] = pending
+            fields[name] = [*pending, *items]
             pending.clear()
 
     def loose(

@@ -72,7 +72,7 @@ def _places(figure: Figure, taken: set[str]) -> Iterator[str]:
                 yield f"{target.type} {entry.name} moved from children to {field} (F06)"
         if not value:
             del node.fields["children"]
-    for field, entry in node.entries():
+    for field, entry in node.entries() if figure.chart.scene.encoding == "x3d" else ():  # only XML has the word
         target = entry.node if isinstance(entry, Use) else entry
         if target is not None and not entry.container and container_of(target.type) != field and entry.line:
             entry.container = field

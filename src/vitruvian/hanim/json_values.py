@@ -29,7 +29,7 @@ def unquoted(text: str) -> str:
             body = json.loads(text, strict=False)
         except ValueError:  # an escape that JSON doesn't have: the character itself, as everywhere else in X3D
             body = _BARE_ESCAPE.sub(r"\1", body)
-    return _UNSPEAKABLE.sub("\ufffd", body)
+    return body if body.isascii() and "\0" not in body else _UNSPEAKABLE.sub("\ufffd", body)
 
 
 def quoted(text: str) -> str:
