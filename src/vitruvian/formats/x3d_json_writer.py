@@ -334,12 +334,14 @@ class _JsonPrinter(Printer):
             self.strings(type=own.type, name=own.name, **own.extra)
             nodes = _nodes(own.value)
             comments = [*own.comments, *(v for v in nodes or [] if isinstance(v, Comment))]
-            if nodes is not None or comments or (own.value == [] and own.type.endswith("Node")):
+            of_nodes = own.type.endswith("Node")
+            if of_nodes and isinstance(own.value, list) and not own.value:
+                nodes = []
+            if nodes is not None or comments:
                 real = [v for v in nodes or [] if not isinstance(v, Comment)]
                 yield from self.several("-children", [*comments, *real], protos)
-            if nodes is None and own.value is not None and not (own.value == [] and own.type.endswith("Node")):
-                node = own.type.endswith("Node")
-                self.value("-value" if node else "@value", own.value, own.type, own.name)
+            if nodes is None and own.value is not None:
+                self.value("-value" if of_nodes else "@value", own.value, own.type, own.name)
             self.end_list("}")
         self.end_list("]")
 

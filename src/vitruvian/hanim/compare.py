@@ -161,7 +161,8 @@ def _empty(value: object, kind: str) -> bool:
     if is_null(value):
         return True
     empty = {"", "NULL"} if kind or value.syntax == "vrml" else {""}  # in XML, NULL of unknown type is a word
-    return bare(value).strip(" \t\n,[]") in (empty if kind else empty | {'""'})
+    text = value.text if value.syntax == "json" else bare(value)
+    return text.strip(" \t\n,[]") in (empty if kind else empty | {'""'})
 
 
 def _values(where: str, one: object, other: object, kind: str, typed: bool) -> str:
