@@ -35,6 +35,10 @@ _NUMBERS = re.compile(rf"\[[ \t\n]*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+[ \t\n]*+\]"
 _FLAT = re.compile(
     rf"\[[ \t\n]*+(?:(?:{_STRING}|{_WORD})(?:{_COMMA}(?:{_STRING}|{_WORD}))*+)?+[ \t\n]*+\]", re.DOTALL | re.ASCII
 )
+_FLAT_HEAD = re.compile(
+    rf"\[[ \t\n]*+(?:(?:{_STRING}|{_WORD})(?:{_COMMA}(?:{_STRING}|{_WORD}))*+(?:{_COMMA})?+)?+[ \t\n]*+",
+    re.DOTALL | re.ASCII,
+)
 _PLAIN = re.compile(rf"{_STRING}|{_WORD}", re.DOTALL | re.ASCII)
 _LEGAL = re.compile(rf"(?:{_NUMBER}|true|false|null)\Z", re.ASCII)
 _IN_FLAT = re.compile(rf"{_STRING}|({_WORD})", re.DOTALL | re.ASCII)
@@ -192,7 +196,12 @@ class Tree:
             return Object(place), place + 1
         if opener == "[":
             flat = _NUMBERS.match(text, place) or _FLAT.match(text, place)
-            if flat is None or _BLANK.match(text, place + 1).end() == flat.end() - 1:  # type: ignore[union-attr]
+            if flat is None:
+                end = _FLAT_HEAD.match(text, place).end()  # type: ignore[union-attr]
+                if text[end : end + 1] not in ("{", "["):
+                    raise self._unended(List(place), end, "expected a value or ]")
+                return List(place), place + 1
+            if _BLANK.match(text, place + 1).end() == flat.end() - 1:  # type: ignore[union-attr]
                 return List(place), place + 1
             self._judge(*flat.span())
             return Span(*flat.span()), flat.end()

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 from vitruvian.errors import FileError, warn
 from vitruvian.formats.json_tree import List, Object, Span, Tree, Value
 from vitruvian.formats.printer import Step, run
-from vitruvian.formats.scopes import Scopes, put
+from vitruvian.formats.scopes import Scopes, cut_early, put
 from vitruvian.formats.source import LIMITS, Limits, decode, no_collection, read_bytes, refuse_crowds
+from vitruvian.formats.x3d_json_pieces import Pieces
 from vitruvian.formats.x3d_json_writer import write_json
 from vitruvian.hanim.fields import placement
 from vitruvian.hanim.graph import (
@@ -76,77 +77,20 @@ class _Body:
         self.items = items
         self.mark = 0  # where the statement that is being read stands
         self.later: list[Statement] = []  # ROUTEs found inside it
-        self.waiting: list[Use] = []  # USEs whose DEF has not come yet
+        self.waiting: list[tuple[Use, Node | None, str]] = []  # USEs without a DEF so far, the field they stand in
 
 
-class _Reader:
+class _Reader(Pieces):
     def __init__(self, tree: Tree, limits: Limits):
-        self.tree, self.path, self.limits = tree, tree.path, limits
+        super().__init__(tree, Scopes(tree.path, limits), limits)
         self.scene = Scene(os.fspath(tree.path), "x3dj", "")  # type: ignore[call-overload]
-        self.scopes = Scopes(tree.path, limits)
         self.bodies: list[_Body] = []
         self.sizes = [0]  # nodes below each open node, USEs expanded
         self.tops: list[Node] = []  # nodes that no node holds
-        self.late: list[Use] = []  # USEs that were bound to a later DEF
+        self.places: dict[int, tuple[Node, Node, str]] = {}  # node -> itself, the node and field that hold it
+        self.moved: set[tuple[int, str, str]] = set()  # node, field, field behind which that went
         self.dangling: list[Use] = []
-
-    # Pieces
-
-    def warn(self, place: int, what: str) -> None:
-        warn(f"{self.path}:{self.tree.line(place)}: {what}")
-
-    def word(self, holder: Object, key: str, default: str = "") -> str:
-        """A string of an object, `default` when it isn't given."""
-        if key not in holder.items:
-            return default
-        place, value = holder.items[key]
-        text = self.tree.string(value)
-        if text is None:
-            texts = self.tree.strings(value)
-            if isinstance(value, Object) or len(texts) > 1:
-                raise self.tree.fail(place, f"expected {key} to be a string")
-            text = "".join(texts)
-        return text
-
-    def literal(self, key: str, place: int, value: Value) -> Literal:
-        """A field's value as it stands."""
-        if isinstance(value, List):
-            inner = [v for v in value.items if not isinstance(v, Span)]
-            if any(isinstance(v, Object) or v.items for v in inner):
-                raise self.tree.fail(place, f"expected {key} to be a value or a list of values, found objects in it")
-        elif isinstance(value, Object):
-            raise self.tree.fail(place, f"expected {key} to be a value, found an object")
-        return Literal(self.tree.source(value), "json", self.tree.line(place))
-
-    def comments(self, place: int, value: Value) -> list[Comment]:
-        line = self.tree.line(place)
-        found = [Comment(text, line) for text in self.tree.strings(value)]
-        self.scopes.count(line, 0, len(found))
-        return found
-
-    def objects(self, key: str, value: Value) -> Iterator[Object]:
-        """The objects of a list, or the one that stands for a list of one."""
-        for item in value.items if isinstance(value, List) else [value]:
-            if isinstance(item, Object):
-                yield item
-            else:
-                self.warn(item.start, f"{self.tree.found(item.start)} in {key} is left out")
-
-    def entries(self, value: Value) -> Iterator[tuple[str, int, Value]]:
-        """(type or keyword, place, content) of everything in a list of nodes."""
-        for item in value.items if isinstance(value, List) else [value]:
-            if isinstance(item, Object):
-                for key, (place, content) in item.items.items():
-                    yield from self.entry(key, place, content)
-            elif self.tree.string(item) != "null":
-                self.warn(item.start, f"expected a node, found {self.tree.found(item.start)}, which is left out")
-
-    def entry(self, key: str, place: int, content: Value) -> Iterator[tuple[str, int, Value]]:
-        if isinstance(content, List) and key[:1] != "#":
-            for each in content.items:
-                yield key, each.start, each
-        else:
-            yield key, place, content
+        self.steps = 0
 
     # The file
 
@@ -167,7 +111,8 @@ class _Reader:
             run(self.body(scene.body, world))
         elif world is not None and tree.string(world) != "null":
             raise tree.fail(world.start, f"expected the Scene to be an object, found {tree.found(world.start)}")
-        self.settle()
+        if self.moved:
+            self.dangling += cut_early(self.path, self.tops, self.limits)
         self.scopes.dangling = len(self.dangling)
         if self.dangling:
             self.scopes.first = (self.dangling[0].line, self.dangling[0].name)
@@ -193,16 +138,6 @@ class _Reader:
                 else:
                     self.warn(place, f"{key[:60]} means nothing in the head and is left out")
 
-    def number(self, entry: Object, key: str) -> float:
-        text = self.word(entry, key, "1")
-        try:
-            number = float(text)
-            if abs(number) < 1e300:
-                return number
-        except ValueError:
-            pass
-        raise self.tree.fail(entry.items[key][0], f"expected {key} to be a number, found {text[:40]!r}")
-
     # Statements
 
     def body(self, items: list[Statement], holder: Object) -> Step:
@@ -225,14 +160,45 @@ class _Reader:
                     items.append(item)
                     if isinstance(item, Node):
                         self.tops.append(item)
+                    elif item.node is None:
+                        body.waiting.append((item, None, ""))
                     if step is not None:
                         yield step
                 items.extend(body.later)
                 body.later = []
         self.bodies.pop()
-        for use in body.waiting:
-            use.node = self.scopes.names[-1].get(use.name)
-            (self.dangling if use.node is None else self.late).append(use)
+        for use, owner, field in body.waiting:
+            self.bind(use, owner, field)
+
+    def bind(self, use: Use, owner: Node | None, field: str) -> None:
+        """The DEF of a USE that has none before it: one in another field of a node around both, since the fields of an
+        object have no order. That field goes first then."""
+        target = self.scopes.names[-1].get(use.name)
+        around: dict[int, str] = {}  # nodes around the USE -> the field on the way to it
+        while owner is not None and target is not None:
+            around[id(owner)] = field
+            _, owner, field = self.places.get(id(owner), (None, None, ""))
+            self.steps += 1
+        node = target
+        while node is not None and self.steps < self.limits.expansion:
+            _, node, theirs = self.places.get(id(node), (None, None, ""))
+            self.steps += 1
+            if node is None or id(node) not in around:
+                continue
+            mine, fields = around[id(node)], node.fields
+            names = list(fields)
+            if mine == theirs or mine not in fields or theirs not in fields:
+                break
+            if (id(node), theirs, mine) in self.moved:
+                break
+            if names.index(mine) < names.index(theirs):
+                names.remove(mine)
+                names.insert(names.index(theirs) + 1, mine)
+                node.fields = {name: fields[name] for name in names}
+            self.moved.add((id(node), mine, theirs))
+            use.node = target
+            return
+        self.dangling.append(use)
 
     def statement(self, name: str, place: int, value: Value) -> Step:
         """A statement that may stand inside nodes too: it is kept beside the statement that holds them."""
@@ -241,11 +207,11 @@ class _Reader:
             raise self.tree.fail(place, f"expected {name} to be an object, found {self.tree.found(value.start)}")
         self.scopes.count(line)
         if name == "ROUTE":
-            ends = [self.word(value, key) for key in ("@fromNode", "@fromField", "@toNode", "@toField")]
-            body.later.append(Route(*ends, line))
+            source = self.word(value, "@fromNode"), self.word(value, "@fromField")
+            body.later.append(Route(*source, self.word(value, "@toNode"), self.word(value, "@toField"), line))
         elif name == "IMPORT":
-            names = [self.word(value, key) for key in ("@inlineDEF", "@importedDEF", "@AS")]
-            body.later.append(Import(*names, line))
+            names = self.word(value, "@inlineDEF"), self.word(value, "@importedDEF")
+            body.later.append(Import(*names, self.word(value, "@AS"), line))
         elif name == "EXPORT":
             body.later.append(Export(self.word(value, "@localDEF"), self.word(value, "@AS"), line))
         else:
@@ -316,13 +282,21 @@ class _Reader:
                 own.comments += self.comments(place, value)
             else:
                 holder: dict[str, object] = {}
-                yield from self.nodes(holder, own.type, own.comments, key, place, value)
+                yield from self.nodes(holder, own.type, own.comments, key, place, value, None, "")
                 own.value = holder.get("", own.value)
                 found = own.value if isinstance(own.value, list) else [own.value]
                 self.tops += [n for n in found if isinstance(n, Node)]
 
     def nodes(
-        self, holder: dict[str, object], kind: str, comments: list[Comment], key: str, place: int, value: Value
+        self,
+        holder: dict[str, object],
+        kind: str,
+        comments: list[Comment],
+        key: str,
+        place: int,
+        value: Value,
+        owner: Node | None,
+        field: str,
     ) -> Step:
         """Nodes as the value of a field that is declared or given by name; into holder[""], their comments apart."""
         if key[:1] == "-" and isinstance(value, Span):
@@ -340,6 +314,7 @@ class _Reader:
             else:
                 item, step = self.node(name, where, content)
                 put(holder, "", item, kind)
+                self.placed(item, owner, field)
                 if step is not None:
                     yield step
 
@@ -359,8 +334,6 @@ class _Reader:
             name = self.word(content, "@USE")
             target, size = self.scopes.use(name, line)
             use = Use(name, target, line, "", type)
-            if target is None:
-                self.bodies[-1].waiting.append(use)
             self.scopes.count(line, 1)
             self.sizes[-1] += size
             return use, None
@@ -445,7 +418,9 @@ class _Reader:
             self.warn(place, f"{node.type} gives {name[:60]} twice; the later nodes count")
             fields[name] = [*pending, *items]
             pending.clear()
-        elif kind == "SFNode" and len(found) == 1 or (kind != "MFNode" and isinstance(value, Object) and len(found) == 1):
+        elif (
+            kind == "SFNode" and len(found) == 1 or (kind != "MFNode" and isinstance(value, Object) and len(found) == 1)
+        ):
             fields[name] = found[0]
             node.comments.extend((name, c) for c in [*pending, *remarks])
             pending.clear()
@@ -474,12 +449,20 @@ class _Reader:
             item, step = self.node(type, where, content)
             target = self.word(content, "@containerField") if isinstance(content, Object) else ""
             target = target or name or placement(node.type, type, isinstance(item, Use))
+            self.placed(item, node, target)
             if target == name:
                 items.append(item)
             else:
                 put(node.fields, target, item, self.scopes.node_type(node, target))
             if step is not None:
                 yield step
+
+    def placed(self, item: Node | Use, owner: Node | None, field: str) -> None:
+        if isinstance(item, Node):
+            if owner is not None:
+                self.places[id(item)] = item, owner, field
+        elif item.node is None:
+            self.bodies[-1].waiting.append((item, owner, field))
 
     def field_value(self, node: Node, entry: Object) -> Step:
         """A value that an instance gives to a field of its prototype."""
@@ -498,48 +481,8 @@ class _Reader:
                 if kind == "MFNode" and not isinstance(inside, list):
                     inside = holder[""] = []
                 remarks = inside if isinstance(inside, list) and kind == "MFNode" else comments
-                yield from self.nodes(holder, kind, remarks, key, place, value)
+                yield from self.nodes(holder, kind, remarks, key, place, value, node, name)
         if name in node.fields:
             warn(f"{self.path}:{line}: {node.type} gives {name} twice; the later value counts")
         node.fields[name] = holder.get("", [] if kind == "MFNode" else Literal("", "json", line))
         node.comments.extend((name, c) for c in comments)
-
-    # USEs before their DEF
-
-    def settle(self) -> None:
-        """USEs that were bound to a later DEF may close a circle or expand without bound: cut the one, refuse the other.
-
-        One walk over all nodes, depth first, through USEs; a USE of a node that is open stands for nothing.
-        """
-        if not self.late:
-            return
-        sizes: dict[int, int] = {}
-        for top in self.tops:
-            if id(top) in sizes:
-                continue
-            sizes[id(top)] = 0
-            stack = [(top, top.entries(), [1])]
-            while stack:
-                node, entries, size = stack[-1]
-                _, entry = next(entries, ("", None))
-                if entry is None:
-                    stack.pop()
-                    sizes[id(node)] = size[0]
-                    if size[0] > self.limits.expansion:
-                        what = f"USEs expand to more than {self.limits.expansion} nodes"
-                        raise FileError(self.path, node.line, what)
-                    if stack:
-                        stack[-1][2][0] += size[0]
-                    continue
-                child = entry.node if isinstance(entry, Use) else entry
-                if child is None:
-                    continue
-                known = sizes.get(id(child))
-                if known is None:
-                    sizes[id(child)] = 0
-                    stack.append((child, child.entries(), [1]))
-                elif known:
-                    size[0] += known
-                elif isinstance(entry, Use):
-                    entry.node = None
-                    self.dangling.append(entry)

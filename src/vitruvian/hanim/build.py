@@ -60,8 +60,8 @@ def scene_of(
 ) -> tuple[Scene, list[str]]:
     """A scene that holds these humanoids, and a list of what it cannot say.
 
-    `encoding` "x3d", "x3dv", "x3dj" or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or "1.1" (VRML97
-    prototypes); names are converted to it. Without a version, humanoids that came together from one file of the same
+    `encoding`: "x3d", "x3dv", "x3dj" (JSON) or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or
+    "1.1" (VRML97 prototypes); names are converted to it. Without one, humanoids that came together from a file of the same
     family go back into their own scene graph, so that everything unknown to us survives; others are built afresh with
     2.0 names, or as 200x in VRML97. Raises `VitruvianError` for combinations that do not exist.
     """

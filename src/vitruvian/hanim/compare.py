@@ -194,8 +194,8 @@ def _canonical(value: object, kind: str) -> object:
         else:
             plain = value.text if is_null(value) else translate(value, "", "xml") or bare(value)
             text = translate(Literal(plain, "xml"), "", "vrml") or plain
-            words = text.replace(",", " ").strip("[ ]").split()
-            return " ".join(w if (n := number(w)) is None else repr(float(n)) for w in words)
+            found = text.replace(",", " ").strip("[ ]").split()
+            return " ".join(w if (n := number(w)) is None else repr(float(n)) for w in found)
     return None if value is None else text_of(value, kind, "vrml")
 
 

@@ -46,7 +46,9 @@ def plain(text: str) -> str:
     """A JSON value as XML would write it: numbers and words with blanks between them, strings without quotes."""
     if '"' in text:
         return " ".join(t for _, t in tokens(text))
-    return text.translate(_PUNCTUATION) if text.isascii() else text.replace("[", " ").replace("]", " ").replace(",", " ")
+    return (
+        text.translate(_PUNCTUATION) if text.isascii() else text.replace("[", " ").replace("]", " ").replace(",", " ")
+    )
 
 
 def number(word: str) -> str | None:

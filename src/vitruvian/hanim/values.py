@@ -451,10 +451,12 @@ def _to_json(literal: Literal, type: str) -> str | None:
         if base == "Node":
             return None
     if base == "String" or (not type and '"' in text):
-        kind = type or ("MFString" if not vrml or text.startswith("[") or len(_STRING.findall(text)) > 1 else "SFString")
-        if type or vrml or text.startswith('"'):
+        kind = type or (
+            "MFString" if not vrml or text.startswith("[") or len(_STRING.findall(text)) > 1 else "SFString"
+        )
+        for attempt in (kind, "MFString") if vrml else (kind,) if type or text.startswith('"') else ():
             with suppress(FileError):
-                return text_of(parse(literal, kind), kind, "json")
+                return text_of(parse(literal, attempt), attempt, "json")
     many = type.startswith("MF") or base not in ("Float", "Double", "Time", "Int32", "Bool", "")
     inner = text
     if vrml and text.startswith("[") and text.endswith("]"):
