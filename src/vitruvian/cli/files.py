@@ -103,7 +103,7 @@ def info(
 
 @app.command(epilog="Example: vitruvian check body.x3d")
 def check(
-    files: list[Path] = typer.Argument(..., help="X3D or VRML files."),
+    files: list[Path] = typer.Argument(..., help="X3D (XML, Classic, JSON) or VRML files."),
     out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
     as_json: bool = Json,
 ) -> None:
@@ -147,7 +147,10 @@ def convert(
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Convert any readable file to any writable format, and say what was lost."""
+    """Convert any readable file to any writable format, and say what was lost.
+
+    Scenes: .x3d .x3dv .x3dj (or .json) .wrl; also .glb .bvh .obj.
+    """
     from vitruvian.formats import registry
 
     if hanim not in (None, "1.1", "200x", "2.0"):

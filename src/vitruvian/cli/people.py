@@ -156,7 +156,7 @@ def animate(
     ),
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body and write what comes out (.glb .x3d .wrl .html .mp4 .png .bvh .obj)."""
+    """Put a motion on a body and write what comes out (.glb .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .obj)."""
     from vitruvian.body.pack import pack
     from vitruvian.deform.deformer import deformer as bind
     from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm

@@ -120,6 +120,8 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
 def save(thing: Any, path: str | Path, *, hanim: str | None = None, **options: Any) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
+    Scene files are .x3d (XML), .x3dv (Classic), .x3dj or .json (JSON) and .wrl (VRML97).
+
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
