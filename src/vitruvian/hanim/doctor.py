@@ -128,7 +128,7 @@ class Chart:
     def _numbers(self, node: Node, field: str) -> Floats:
         raw = self.reading.raw(node, field)
         if isinstance(raw, Literal):
-            return leniently(bare(raw))
+            return leniently(raw.text)
         if raw is None or isinstance(raw, Node | Use | str):
             return np.zeros(0)
         try:

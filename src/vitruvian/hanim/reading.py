@@ -43,7 +43,7 @@ def leniently(text: str) -> Floats:
     except ValueError:
         pass
     plain = re.sub(r"#[^\n]*", " ", text)
-    return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
+    return np.array([number(t) for t in re.split(r'[\s,\[\]"]+', plain) if t], np.float64)
 
 
 class Reading:
@@ -123,7 +123,7 @@ class Reading:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
         except FileError as error:
             self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            return leniently(bare(raw)) if isinstance(raw, Literal) else None
+            return leniently(raw.text) if isinstance(raw, Literal) else None
         except (TypeError, ValueError):
             self.broken(f"{self.who(node)} {field}: expected {kind}, found something else", node)
             return None
