@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gzip
+import inspect
 import json
 import re
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -23,6 +25,7 @@ from vitruvian.formats.vrml import parse_vrml
 from vitruvian.formats.x3d import parse_x3d
 from vitruvian.formats.x3d_json import parse_json
 from vitruvian.formats.x3d_json_writer import print_json
+from vitruvian.formats.x3d_writer import print_x3d
 from vitruvian.hanim.compare import difference
 from vitruvian.hanim.doctor import check
 from vitruvian.hanim.fields import type_of
@@ -381,6 +384,40 @@ def test_uses_in_a_circle_stand_for_nothing() -> None:
     assert sum(u.node is None for u in uses) == 2
     for encoding in ("x3d", "x3dv", "wrl"):
         assert difference(scene, convert(scene, encoding)[0], typed=True) == ""
+
+
+@pytest.mark.parametrize("kind", ["ProtoDeclare", "Script"])
+def test_fields_in_fields_need_no_recursion(kind: str) -> None:
+    """300 declarations, each in the default value of a field of the one before."""
+    field = '"field": [{"@name": "f", "@type": "MFNode", "@accessType": "inputOutput", "-children": ['
+    head = f'{{"{kind}": {{"@name": "P", {field}'
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(150 + len(inspect.stack()))
+    try:
+        scene = read(head * 300 + '{"Group": {}}' + "]}]}}" * 300)
+        text, lost = print_json(scene)
+        print_x3d(scene)
+    finally:
+        sys.setrecursionlimit(limit)
+    assert (text.count(f'"{kind}"'), lost) == (300, [])
+
+
+def test_names_that_are_not_there() -> None:
+    scene = read('{"Group": {"@DEF": null}}', '{"ROUTE": {"@fromNode": "a", "@fromField": null}}')
+    group, route = scene.body
+    assert (group.name, route.from_field) == ("", "")  # type: ignore[union-attr]
+    for entry, message in (
+        ('{"ProtoInstance": {"@DEF": "p"}}', "ProtoInstance needs the name"),
+        ('{"ProtoDeclare": {"ProtoBody": {}}}', "ProtoDeclare needs a name"),
+        ('{"Group": {"@DEF": {}}}', "expected @DEF to be a string"),
+        ('{"Group": {"@bboxSize": {}}}', "expected @bboxSize to be a value"),
+        ('{"Group": {"@bboxSize": [[[1]]]}}', "expected @bboxSize to be a value"),
+        ('{"Group": {"-children": 3}}', "expected nodes in -children, found '3'"),
+        ('{"Group": [1]}', "expected the fields of Group in an object, found '\\['"),
+        ('{"ROUTE": 1}', "expected ROUTE to be an object"),
+    ):
+        with pytest.raises(FileError, match=message):
+            read(entry)
 
 
 def test_a_json_file_is_what_its_top_says(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ class _Reader(Pieces):
                 if name == "#comment":
                     items.extend(self.comments(where, content))
                 elif name in _STATEMENTS:
-                    yield from self.statement(name, where, content)
+                    yield self.statement(name, where, content)
                 else:
                     item, step = self.node(name, where, content)
                     items.append(item)
@@ -310,7 +310,7 @@ class _Reader(Pieces):
             if name == "#comment":
                 comments += self.comments(where, content)
             elif name in _STATEMENTS:
-                yield from self.statement(name, where, content)
+                yield self.statement(name, where, content)
             else:
                 item, step = self.node(name, where, content)
                 put(holder, "", item, kind)
@@ -444,7 +444,7 @@ class _Reader(Pieces):
                 items += self.comments(where, content)
                 continue
             if type in _STATEMENTS:
-                yield from self.statement(type, where, content)
+                yield self.statement(type, where, content)
                 continue
             item, step = self.node(type, where, content)
             target = self.word(content, "@containerField") if isinstance(content, Object) else ""

@@ -25,6 +25,8 @@ class Pieces:
         if key not in holder.items:
             return default
         place, value = holder.items[key]
+        if isinstance(value, Span) and self.tree.source(value) == "null":
+            return default
         text = self.tree.string(value)
         if text is None:
             texts = self.tree.strings(value)
