@@ -160,9 +160,10 @@ def _empty(value: object, kind: str) -> bool:
         return value is None
     if is_null(value):
         return True
-    empty = {"", "NULL"} if kind or value.syntax == "vrml" else {""}  # in XML, NULL of unknown type is a word
-    text = value.text if value.syntax == "json" else bare(value)
-    return text.strip(" \t\n,[]") in (empty if kind else empty | {'""'})
+    text = (value.text if value.syntax == "json" else bare(value)).strip(" \t\n,[]")
+    if kind or value.syntax == "vrml":  # in XML and JSON, NULL of unknown type is a word
+        return text in ("", "NULL") or (not kind and text == '""')
+    return _canonical(value, "") in ("", '""')
 
 
 def _values(where: str, one: object, other: object, kind: str, typed: bool) -> str:
@@ -192,7 +193,8 @@ def _canonical(value: object, kind: str) -> object:
             except FileError:
                 return " ".join(words.replace(",", " ").split()).strip("[ ]")
         else:
-            plain = value.text if is_null(value) else translate(value, "", "xml") or bare(value)
+            plain = translate(value, "", "xml")
+            plain = bare(value) if plain is None else plain
             text = translate(Literal(plain, "xml"), "", "vrml") or plain
             found = text.replace(",", " ").strip("[ ]").split()
             return " ".join(w if (n := number(w)) is None else repr(float(n)) for w in found)
