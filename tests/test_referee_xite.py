@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,12 @@ import pytest
 from scene_figure import typed
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
+from vitruvian.formats.convert import convert
+from vitruvian.formats.registry import scene as scene_in
+from vitruvian.formats.registry import write_scene
 from vitruvian.formats.vrml import read_vrml, write_vrml
 from vitruvian.formats.x3d import read_x3d, write_x3d
+from vitruvian.formats.x3d_json import parse_json
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.view import humanoids
@@ -133,6 +138,44 @@ def run(script: Path, referee: Path, chromium: str, files: list[Path], *options:
 def complaints(result: dict) -> list[str]:
     """Messages of the browser, those about pictures and addresses that are not at hand subtracted."""
     return [m for m in result["messages"] if "Error loading image" not in m and "Failed to load resource" not in m]
+
+
+EXPORT = """async text => {
+  await new Promise(resolve => X3D(resolve))
+  const scene = await document.querySelector('x3d-canvas').browser.createX3DFromString(text)
+  return scene.toJSONString()
+}"""
+
+
+def test_json_goes_both_ways(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
+    """X_ITE finds in our JSON all nodes of the source, prototypes too, without a message; we read the JSON it writes."""
+    sync = pytest.importorskip("playwright.sync_api").sync_playwright
+    script = shared / "hanim" / "referee" / "xite_load.mjs"
+    sources = [shared / "data" / "hanim" / name for name in ("JoeKick.x3d", "NancyPrototypes.wrl")]
+    scenes = [scene_in(path) for path in sources]
+    files = [tmp_path / f"{path.stem}.x3dj" for path in sources]
+    for scene, path in zip(scenes, files, strict=True):
+        write_scene(convert(scene, "x3dj")[0], path)
+    for scene, result in zip(scenes, run(script, referee, chromium, files), strict=True):
+        assert result["nodes"] == Counter(node.type for node in scene.walk())
+        assert complaints(result) == []
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    with sync() as p:
+        browser = p.chromium.launch(executable_path=chromium, args=flags)
+        page = browser.new_page(viewport={"width": 120, "height": 120})
+        page.route("**/*", lambda route: answer(route, referee))
+        page.goto("http://xite.test/page.html")
+        text = page.evaluate(EXPORT, sources[0].read_text())
+        browser.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs = humanoids(parse_json(text.encode()))[0]
+    mine = load(sources[0])
+    assert [j.name for j in theirs.joints()] == [j.name for j in mine.joints()]
+    np.testing.assert_allclose(theirs.skin_coord, mine.skin_coord, atol=1e-6)
+    for a, b in zip(theirs.joints(), mine.joints(), strict=True):
+        np.testing.assert_allclose(a.center, b.center, atol=1e-6)
+        np.testing.assert_allclose(a.skin_coord_weight, b.skin_coord_weight, atol=1e-6)
 
 
 PLAY = """async ([text, joint]) => {

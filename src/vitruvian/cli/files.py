@@ -68,7 +68,9 @@ def _self_facts() -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
-    file: Path | None = typer.Argument(None, help="X3D, VRML, glTF, VRM, USD, BVH, OBJ, PLY or STL file."),
+    file: Path | None = typer.Argument(
+        None, help="X3D (XML, Classic, JSON), VRML, glTF, VRM, USD, BVH, OBJ, PLY or STL file."
+    ),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -82,7 +84,7 @@ def info(
         raise VitruvianError("info: expected a file (or --self)")
     from vitruvian.formats import registry
 
-    form = registry.extension(file)
+    form = registry.kind(file)
     document: dict[str, Any] = {"format": form.lstrip(".")}
     lines = []
     found = registry.contents(file, repair=repair)
@@ -116,7 +118,7 @@ def info(
 
 @app.command(epilog="Example: vitruvian check body.x3d --fix mended.x3d --also S04,P03")
 def check(
-    files: list[Path] | None = typer.Argument(None, help="X3D, VRML, glTF, VRM or USD files."),
+    files: list[Path] | None = typer.Argument(None, help="X3D (XML, Classic, JSON), VRML, glTF, VRM or USD files."),
     out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
     also: str = typer.Option("", help="With --fix: rules to repair as well that are repaired on request only, or all."),
     why: bool = typer.Option(False, "--why", help="Say beside each finding why it matters."),
@@ -185,8 +187,9 @@ def convert(
 ) -> None:
     """Convert any readable file to any writable format, and say what was lost.
 
-    Reads .x3d .x3dv .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d .x3dv .wrl
-    .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra: pip install 'vitruvian[usd]'.
+    Reads .x3d .x3dv .x3dj .json .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d
+    .x3dv .x3dj .json .wrl .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra:
+    pip install 'vitruvian[usd]'.
     """
     from vitruvian.formats import registry
 

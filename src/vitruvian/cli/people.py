@@ -160,7 +160,10 @@ def animate(
     bake: bool = Bake,
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body and write what comes out (.glb .usdz .usdc .usda .x3d .wrl .html .mp4 .png .bvh .obj)."""
+    """Put a motion on a body and write what comes out.
+
+    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .obj.
+    """
     from vitruvian.body.pack import pack
     from vitruvian.deform.deformer import deformer as bind
     from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm

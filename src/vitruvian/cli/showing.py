@@ -50,7 +50,7 @@ def view(
     from vitruvian.show.live import show
 
     things = [_shown(f) for f in files]
-    scenes = [f for f in files if registry.extension(Path(f)) in registry.SCENES]
+    scenes = [f for f in files if registry.kind(f) in registry.SCENES]
     findings = [finding for f in scenes for finding in registry.check(f)]
     window = show(*things, open_browser=not no_open, block=False, findings=findings)
     assert window is not None

@@ -21,7 +21,10 @@ SCENES = {
     ".x3dv": ("vrml", "read_vrml"),
     ".wrl": ("vrml", "read_vrml"),
     ".wrz": ("vrml", "read_vrml"),
+    ".x3dj": ("x3d_json", "read_json"),
 }
+# A .json file is what its key on top says: key -> extension of the same kind
+JSON_KINDS = {"X3D": ".x3dj"}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".obj": ("obj", "read_obj"),
@@ -31,7 +34,7 @@ READERS = {
 # files that hold humanoids, a motion or a mesh: only reading them tells which
 FIGURES = dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), ("gltf_reader", "read_all"))
 USD = (".usda", ".usdc", ".usd", ".usdz")
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".vrm", ".vrma", ".bvh", ".obj", *USD)
+WRITERS = (".x3d", ".x3dv", ".wrl", ".x3dj", ".json", ".glb", ".vrm", ".vrma", ".bvh", ".obj", *USD)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -41,6 +44,26 @@ def _function(where: tuple[str, str]) -> Callable[..., Any]:
 def extension(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     return suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else (suffixes or [""])[-1]
+
+
+def kind(path: str | Path) -> str:
+    """The extension that says how to read a file: its own or, for .json, that of what the file's top holds.
+
+    FileError for a .json file of which nobody knows the kind.
+    """
+    path = Path(path)
+    form = extension(path)
+    if form != ".json":
+        return form
+    from vitruvian.formats.json_tree import top_keys
+
+    keys = top_keys(_existing(path))
+    for key in keys:
+        if key in JSON_KINDS:
+            return JSON_KINDS[key]
+    wanted = " or ".join(f'{{"{key}": ...}}' for key in JSON_KINDS)
+    found = ", ".join(repr(key[:30]) for key in keys[:4]) or "no object with keys"
+    raise FileError(path, 1, f"expected {wanted} at the top of a .json file, found {found}")
 
 
 def _existing(path: str | Path) -> Path:
@@ -55,7 +78,7 @@ def _existing(path: str | Path) -> Path:
 def scene(path: str | Path) -> Scene:
     """The scene graph of an X3D or VRML file. Raises `FileError` where it can't be read."""
     path = _existing(path)
-    where = SCENES.get(extension(path))
+    where = SCENES.get(kind(path))
     if where is None:
         raise VitruvianError(f"{path}: expected a scene ({', '.join(sorted(SCENES))})")
     return _function(where)(path)
@@ -74,7 +97,7 @@ def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[
     """Everything that a file holds: its humanoids, those of a USD file and then its other surfaces as one Mesh, or the one
     thing that other files are. Errors and options as for `load`."""
     path = _existing(path)
-    form = extension(path)
+    form = kind(path)
     if form in SCENES:
         return list(humanoids(path, repair=repair))
     if form in READERS:
@@ -86,20 +109,21 @@ def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[
         from vitruvian.formats.usd_reader import read_usd
 
         return list(read_usd(path))
-    known = ", ".join(sorted({*SCENES, *FIGURES, *READERS, *USD}))
+    known = ", ".join(sorted({*SCENES, *FIGURES, *READERS, *USD, ".json"}))
     raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
 
 
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj .ply .stl);
-    glTF (.glb .gltf .vrm .vrma) may hold any of them.
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj
+    .ply .stl); glTF (.glb .gltf .vrm .vrma) may hold any of them. A .json file is what the key on its top says:
+    {"X3D": ...} is a scene.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`; glTF: `names`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
     found = contents(path, repair=repair, **options)
-    form = extension(Path(path))
+    form = kind(Path(path))
     if form in READERS or (form in FIGURES and found and not hasattr(found[0], "skin_coord")):
         return found[0]
     if not found:
@@ -122,8 +146,9 @@ def save(
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
     A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
-    Scene files also take a list of Humanoids and Clips: several figures, and several clips of one figure. Their options:
-    `motion` "interpolators" or "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
+    Scene files are .x3d (XML), .x3dv (Classic), .x3dj or .json (JSON) and .wrl (VRML97). They also take a list of
+    Humanoids and Clips: several figures, and several clips of one figure. Their options: `motion` "interpolators" or
+    "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
 
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
@@ -209,7 +234,9 @@ def _save_scene(
     if not things:
         raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
     humanoids = _with_clips(things, path, motion)
-    built, lost = scene_of(humanoids, version=hanim, encoding=extension[1:], draft=draft)
+    built, lost = scene_of(
+        humanoids, version=hanim, encoding="x3dj" if extension == ".json" else extension[1:], draft=draft
+    )
     write_scene(built, path)
     return lost
 
@@ -256,6 +283,10 @@ def write_scene(graph: Scene, path: str | Path) -> None:
         from vitruvian.formats.x3d import write_x3d
 
         write_x3d(graph, path)
+    elif graph.encoding == "x3dj":
+        from vitruvian.formats.x3d_json import write_json
+
+        write_json(graph, path)
     else:
         from vitruvian.formats.vrml import write_vrml
 
@@ -333,7 +364,8 @@ def fix(path: str | Path, out: str | Path, *, also: Iterable[str] = ()) -> list[
     graph, found = _examined(path)
     done = [f"{f.message}: written anew (F01)" for f in found]
     done += mend(graph, path, also=also)
-    if extension(Path(out)) != f".{graph.encoding}":
+    form = extension(Path(out))
+    if form != f".{graph.encoding}" and (form, graph.encoding) != (".json", "x3dj"):
         raise VitruvianError(f"{out}: a repaired file keeps its encoding; expected .{graph.encoding}")
     write_scene(graph, out)
     return done

@@ -30,14 +30,14 @@ def scene_of(
 ) -> tuple[Scene, list[str]]:
     """A scene that holds these humanoids, and a list of what it cannot say.
 
-    `encoding` "x3d", "x3dv" or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or "1.1" (VRML97
-    prototypes); names are converted to it. Without a version, humanoids that came together from one file of the same
+    `encoding`: "x3d", "x3dv", "x3dj" (JSON) or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or
+    "1.1" (VRML97 prototypes); names are converted to it. Without one, humanoids that came together from a file of the same
     family go back into their own scene graph, so that everything unknown to us survives; others are built afresh with
     2.0 names, or as 200x in VRML97. `draft` writes X3D 4.1 as drafted: HAnimPose, `motions_enabled`, `skin_displacers`
     and other nodes in `children` of the humanoid. Raises `VitruvianError` for combinations that do not exist.
     """
-    if encoding not in {"x3d", "x3dv", "wrl"}:
-        raise VitruvianError(f"encoding: expected x3d, x3dv or wrl, found {encoding!r}")
+    if encoding not in {"x3d", "x3dv", "x3dj", "wrl"}:
+        raise VitruvianError(f"encoding: expected x3d, x3dv, x3dj or wrl, found {encoding!r}")
     if not humanoids:
         raise VitruvianError("humanoids: expected at least one, found none")
     if draft and (encoding == "wrl" or version not in {None, "2.0"}):

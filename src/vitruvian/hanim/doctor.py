@@ -19,6 +19,7 @@ from vitruvian.hanim.doctor_rules import RULES, SEVERITIES
 from vitruvian.hanim.doctor_words import closest
 from vitruvian.hanim.graph import Literal, Node, Scene, Use
 from vitruvian.hanim.reading import Reading, leniently
+from vitruvian.hanim.values import bare
 
 Floats = NDArray[np.float64]
 _DEEPEST = 1024  # holders of one node that are looked at
@@ -161,7 +162,7 @@ class Chart:
         """A string field, stripped; "" when absent or unreadable."""
         raw = self.reading.raw(node, field)
         if isinstance(raw, Literal):
-            return raw.text.strip().strip("[]").strip().strip('"').strip()
+            return bare(raw).strip().strip("[]").strip().strip('"').strip()
         if isinstance(raw, list):
             return " ".join(str(v) for v in raw)
         return str(raw).strip() if isinstance(raw, str) else ""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, warn
 from vitruvian.hanim.graph import Literal, Node, Proto, Scene
-from vitruvian.hanim.values import parse
+from vitruvian.hanim.values import bare, parse
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -44,7 +44,7 @@ def leniently(text: str) -> Floats:
     except ValueError:
         pass
     plain = re.sub(r"#[^\n]*", " ", text)
-    return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
+    return np.array([number(t) for t in re.split(r'[\s,\[\]"]+', plain) if t], np.float64)
 
 
 class Reading:
@@ -294,7 +294,7 @@ class Reading:
         raw = node.fields.get("name")
         name = ""
         if isinstance(raw, Literal):
-            name = raw.text.strip().strip('"')
+            name = bare(raw).strip().strip('"')
         elif isinstance(raw, str):
             name = raw
         return f"{self.kind(node).lower() or node.type} {name or node.name}".strip()

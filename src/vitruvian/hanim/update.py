@@ -62,7 +62,7 @@ _TARGETS = {"rotation", "translation", "scale", "center", "weight", "point"}
 def updated(humanoids: list[Humanoid], encoding: str) -> tuple[Scene, list[str]] | None:
     """The scene that these humanoids came from, brought up to date, and what could not be said; None if it can't be.
 
-    `encoding` must be the scene's own, or the other of X3D's two. The scene is changed in place.
+    `encoding` must be the scene's own, or another of X3D's three. The scene is changed in place.
     """
     scene = humanoids[0].scene
     if scene is None or any(h.scene is not scene for h in humanoids):

@@ -1,8 +1,8 @@
-"""Field values: source text to typed values and back, and between the two ways of writing them (XML, VRML).
+"""Field values: source text to typed values and back, and between the ways of writing them (XML, VRML, JSON).
 
 Typed values: bool, int, float, str, list of bool, list of str; SFVec3f and its kin float64 (n,), their MF forms
 float64 (k, n), MFFloat float64 (k,), MFInt32 int32 (k,). Units and frames are the file's own.
-Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRML97).
+Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 19776-5 (JSON), 14772-1 (VRML97).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, VitruvianError, warn
+from vitruvian.hanim import json_values
 from vitruvian.hanim.graph import Literal, Node, Use
 
 _COLUMNS = {
@@ -43,12 +44,14 @@ _CHUNK = 1 << 20
 
 
 def parse(literal: Literal, type: str, path: object = "") -> object:
-    """The typed value of source text; NULL is None.
+    """The typed value of source text; NULL is None, and so is JSON's null whatever the type.
 
     Raises FileError (path and line) when the text isn't a value of that type: a malformed number, one that isn't finite
     or doesn't fit 32 bits, a count that doesn't fit the type.
     """
     many, base = type.startswith("MF"), type[2:]
+    if is_null(literal):
+        return None
     if base in _COLUMNS or base in _INTEGER:
         text = _numbers(literal, many)
         if base in _INTEGER:
@@ -81,9 +84,16 @@ def _short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
+def is_null(literal: Literal) -> bool:
+    """Whether JSON says that there is no value."""
+    return literal.syntax == "json" and literal.text.strip() == "null"
+
+
 def bare(literal: Literal) -> str:
-    """The text without the comments that VRML may have inside."""
+    """The text without the comments that VRML may have inside, and without the brackets and quotes of JSON."""
     text = literal.text
+    if literal.syntax == "json":
+        return json_values.plain(text)
     if literal.syntax != "vrml" or "#" not in text:
         return text
     if '"' not in text:
@@ -125,8 +135,8 @@ def _malformed(literal: Literal, token: str, path: object, expected: str) -> Fil
 
 
 def _line(literal: Literal, token: str) -> int:
-    """The line of a token: VRML text keeps its line ends, an XML attribute doesn't."""
-    if literal.syntax != "vrml":
+    """The line of a token: VRML and JSON text keeps its line ends, an XML attribute doesn't."""
+    if literal.syntax == "xml":
         return literal.line
     place = re.search(rf"(?<![^\s,\[]){re.escape(token)}(?![^\s,\]])", literal.text)
     return literal.line + (literal.text.count("\n", 0, place.start()) if place else 0)
@@ -203,7 +213,7 @@ def _integers(literal: Literal, text: str, type: str, path: object) -> object:
 
 def _booleans(literal: Literal, many: bool, path: object) -> object:
     words = _numbers(literal, many).split()
-    right = ("true", "false") if literal.syntax == "xml" else ("TRUE", "FALSE")
+    right = ("TRUE", "FALSE") if literal.syntax == "vrml" else ("true", "false")
     found = []
     for word in words:
         if word not in right:
@@ -220,6 +230,13 @@ def _booleans(literal: Literal, many: bool, path: object) -> object:
 
 def _strings(literal: Literal, many: bool, path: object) -> object:
     text = literal.text
+    if literal.syntax == "json":
+        words = json_values.tokens(text)
+        if many and len(words) == 1 and not text.lstrip().startswith("["):
+            return _strings(Literal(words[0][1], "xml", literal.line), many, path)  # as an attribute has it
+        if not many and len(words) > 1:
+            raise FileError(path, literal.line, f"SFString is one string, found {_short(text)}")
+        return [t for _, t in words] if many else "".join(t for _, t in words)
     if literal.syntax == "xml":
         if not many:
             return _XML_ESCAPE.sub(r"\1", text) if "\\" in text else text
@@ -297,35 +314,42 @@ def _double(number: float) -> str:
 
 
 def text_of(value: object, type: str, syntax: str) -> str:
-    """Source text ("xml" or "vrml") of a typed value.
+    """Source text ("xml", "vrml" or "json") of a typed value.
 
     `type` may be "" when nothing tells it; then numbers in an array of one dimension are written as a list when there
-    are more than four. Floats are the shortest text that reads back as the same float32 (float64 for double types).
+    are more than four (JSON: always). Floats are the shortest text that reads back as the same float32 (float64 for
+    double types). Long lists of JSON have a line for each row.
     """
     if isinstance(value, Literal):
         text = translate(value, type, syntax)
         if text is None:
             raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
         return text
-    vrml, base = syntax == "vrml", type[2:]
+    vrml, json, base = syntax == "vrml", syntax == "json", type[2:]
     if value is None:
-        return "NULL" if vrml else ""
+        return "NULL" if vrml else "null" if json else ""
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
         if isinstance(value, str) and type != "MFString":
-            return quote(value) if vrml else value.replace("\\", "\\\\")
-        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else list(value)))  # type: ignore[call-overload]
+            return quote(value) if vrml else json_values.quoted(value) if json else value.replace("\\", "\\\\")
+        entries: list[str] = [value] if isinstance(value, str) else list(value)  # type: ignore[call-overload]
+        if json:
+            return json_values.listed([json_values.quoted(s) for s in entries])
+        strings = " ".join(map(quote, entries))
         return f"[ {strings} ]" if vrml else strings
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
         words = ("FALSE", "TRUE") if vrml else ("false", "true")
-        rows = [" ".join(words[bool(v)] for v in array.ravel())]
+        texts, n = [words[bool(v)] for v in array.ravel()], 1
     elif base in _INTEGER or (not type and array.dtype.kind in "iu"):
-        rows = [" ".join(map(str, array.astype(np.int64).ravel().tolist()))]
+        texts, n = list(map(str, array.astype(np.int64).ravel().tolist())), 1
     else:
         texts = [_double(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
         n = _COLUMNS.get(base) or (array.shape[-1] if array.ndim > 1 else 1)
-        rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
+    if json:
+        single = len(texts) == 1 and not array.ndim and not type.startswith("MF")
+        return texts[0] if single else json_values.listed(texts, n, faces=type == "MFInt32")
+    rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
     text = (", " if vrml and len(rows) > 1 else " ").join(rows)
     return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
 
@@ -349,13 +373,28 @@ def default_of(type: str, syntax: str) -> str:
 
 
 def translate(literal: Literal, type: str, syntax: str) -> str | None:
-    """The text of a literal in the other syntax; None when it can't be said there.
+    """The text of a literal in another syntax; None when it can't be said there.
 
     With an unknown `type` ("") what the text looks like decides: numbers, booleans, strings in quotes, a plain string.
+    JSON says whatever isn't of its type as a string, which reads back as the same defect.
     """
     if literal.syntax == syntax:
         return literal.text
     base = type[2:]
+    if syntax == "json":
+        return _to_json(literal, type)
+    if literal.syntax == "json":
+        if is_null(literal):
+            return "NULL" if syntax == "vrml" and base in ("Node", "") else None
+        words = json_values.tokens(literal.text)
+        if not type and any(string for string, _ in words):
+            listed = literal.text.lstrip().startswith("[")
+            kind, entries = ("MFString" if listed else "SFString"), [t for _, t in words]
+            return text_of(entries if listed else entries[0], kind, syntax)
+        if base != "String":
+            literal = Literal(" ".join(json_values.plain(literal.text).split()), "xml", literal.line)
+            if syntax == "xml":
+                return literal.text
     if base == "Node":
         return "NULL" if syntax == "vrml" and literal.text.strip() in ("", "NULL") else None
     try:
@@ -401,3 +440,36 @@ def _to_xml(literal: Literal, type: str) -> str | None:
     if words and all(w.lower() in ("true", "false") for w in words):
         return text.lower()
     return text
+
+
+def _to_json(literal: Literal, type: str) -> str | None:
+    vrml, base = literal.syntax == "vrml", type[2:]
+    text = bare(literal).strip()
+    if base == "Node" or (not type and vrml):
+        if text == "NULL" or (base == "Node" and not text):
+            return "null"
+        if base == "Node":
+            return None
+    if base == "String" or (not type and '"' in text):
+        kind = type or (
+            "MFString" if not vrml or text.startswith("[") or len(_STRING.findall(text)) > 1 else "SFString"
+        )
+        for attempt in (kind, "MFString") if vrml else (kind,) if type or text.startswith('"') else ():
+            with suppress(FileError):
+                return text_of(parse(literal, attempt), attempt, "json")
+    many = type.startswith("MF") or base not in ("Float", "Double", "Time", "Int32", "Bool", "")
+    inner = text
+    if vrml and text.startswith("[") and text.endswith("]"):
+        inner, many = text[1:-1], True
+    inner = inner.replace(",", " ")
+    words = inner.split()
+    found: list[str] | None = None
+    if base in ("Bool", "") and words and all(w.lower() in ("true", "false") for w in words):
+        found = [w.lower() for w in words]
+    elif base not in ("Bool", "String") and (words or many):
+        found = json_values.numbers(inner)
+    if found is None:
+        return json_values.quoted(literal.text if type or vrml else _XML_ESCAPE.sub(r"\1", literal.text))
+    if len(found) == 1 and not many:
+        return found[0]
+    return json_values.listed(found, _COLUMNS.get(base, 1), faces=type == "MFInt32")
