@@ -26,6 +26,8 @@ _WHERE = {
     "idle": "motion.idle",
     "deformer": "deform.deformer",
     "person": "modeling.person",
+    "segment": "hanim.segmenting",
+    "weld": "hanim.welding",
     "Mesh": "stage.clip",
     "Clip": "stage.clip",
     "show": "show.live",
@@ -49,6 +51,8 @@ if TYPE_CHECKING:
     from vitruvian.formats.registry import load as load
     from vitruvian.formats.registry import save as save
     from vitruvian.hanim.humanoid import Humanoid as Humanoid
+    from vitruvian.hanim.segmenting import segment as segment
+    from vitruvian.hanim.welding import weld as weld
     from vitruvian.modeling.person import person as person
     from vitruvian.motion.gait import walk as walk
     from vitruvian.motion.idle import idle as idle

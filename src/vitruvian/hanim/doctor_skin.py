@@ -100,7 +100,8 @@ def _skin(figure: Figure) -> None:
     chart, add, node = figure.chart, figure.chart.add, figure.node
     weighted = any(chart.numbers(j, "skinCoordWeight").any() for j in figure.joints)
     geometries = [g for s in figure.skin for g in s.children("geometry")]
-    if weighted and not geometries:
+    drawn = any(n.type == "Shape" for s, _ in figure.segments for n in walk_groups(figure.chart.reading, s.children("children")))
+    if weighted and not geometries and not drawn:  # Segments may be cut out of a skin, whose weights are kept
         fix = "put the Shape into skin, with skinCoord USEd in its geometry"
         add("M05", node, "joints have weights but skin is empty: nothing of it is drawn", fix)
     if figure.skin_coord is None and weighted and geometries:

@@ -62,6 +62,8 @@ class Shape:
     `points` (n,3), or None when the triangles index the humanoid's `skin_coord`. `triangles` (t,3) int32.
     `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replace the material's, or None.
     `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
+    `normals` (m,3) unit, one per point, or per corner by `normal_triangles` (t,3); None: as the faces give them.
+    `skin_index` (n,): of which skin point each point is a copy, when the shape was cut out of the humanoid's skin.
     """
 
     name: str = ""
@@ -74,6 +76,9 @@ class Shape:
     transform: Array | None = None
     crease_angle: float = np.pi
     node: Node | None = None
+    normals: Array | None = None
+    normal_triangles: NDArray[np.int32] | None = None
+    skin_index: NDArray[np.int32] | None = None
 
 
 @dataclass(slots=True, eq=False)
