@@ -9,7 +9,7 @@ Source: ISO/IEC 19774 parts 1 and 2.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,6 +200,25 @@ class Humanoid:
     scene: Scene | None = None  # the file it came from
     made_from: object = None  # what a modelling function made it from; stays in memory
     node: Node | None = None
+
+    def copied(self) -> Humanoid:
+        """A copy with joints and segments of its own, whose lists may be changed; arrays, shapes and sites are shared."""
+        copies = {
+            id(j): replace(
+                j,
+                joints=[],
+                segments=[
+                    replace(s, shapes=list(s.shapes), sites=list(s.sites), displacers=list(s.displacers))
+                    for s in j.segments
+                ],
+                sites=list(j.sites),
+                displacers=list(j.displacers),
+            )
+            for j in self.joints()
+        }
+        for joint in self.joints():
+            copies[id(joint)].joints = [copies[id(j)] for j in joint.joints]
+        return replace(self, skeleton=[copies[id(j)] for j in self.skeleton])
 
     def joints(self) -> list[Joint]:
         """Every joint once, depth first, parents before children."""

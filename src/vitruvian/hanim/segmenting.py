@@ -87,13 +87,7 @@ def segment(humanoid: Humanoid, *, joints: Collection[str] | None = None) -> Hum
     joints move to the Segments that hold their points. `joints` names those that get Segments (default all).
     A humanoid without joints loses its skin. Indices are into `skin_coord`; metres, humanoid space.
     """
-    copies = {
-        id(j): replace(j, segments=list(j.segments), joints=[], displacers=list(j.displacers))
-        for j in humanoid.joints()
-    }
-    for joint in humanoid.joints():
-        copies[id(joint)].joints = [copies[id(j)] for j in joint.joints]
-    out = replace(humanoid, skeleton=[copies[id(j)] for j in humanoid.skeleton], skin=[], skin_normal=None)
+    out = replace(humanoid.copied(), skin=[], skin_normal=None)
     if out.skeleton:
         _cut(humanoid, out.joints(), joints)
     return out
@@ -166,7 +160,7 @@ def _displacer(whole: Displacer, rows: Ints) -> Displacer:
 
 
 def _segment_of(joint: Joint, apart: bool = False) -> Segment:
-    """The joint's first segment as a copy that may be added to, made when it has none.
+    """The joint's first segment, made when it has none.
 
     Displacers index the first shape of their segment: with `apart`, one that has geometry already gets a neighbour.
     """
@@ -175,7 +169,6 @@ def _segment_of(joint: Joint, apart: bool = False) -> Segment:
         if first.shapes and (apart or first.displacers):
             joint.segments.insert(1, Segment(f"{first.name}_skin"))
             return joint.segments[1]
-        joint.segments[0] = replace(first, shapes=list(first.shapes), displacers=list(first.displacers))
     else:
         known = tables.canonical(joint.name)
         name = tables.joints()[known].segment if known else f"{joint.name}_segment"

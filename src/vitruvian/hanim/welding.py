@@ -161,31 +161,22 @@ class _Welder:
             self.moves.setdefault(d.name, []).append((joint.name, whole))
 
     def _finished(self) -> Humanoid:
-        old = self.old
-        copies = {
-            id(j): replace(
-                j,
-                joints=[],
-                displacers=list(j.displacers),
-                segments=[replace(s, shapes=_left(s), displacers=s.displacers if _left(s) else []) for s in j.segments],
-            )
-            for j in old.joints()
-        }
-        for joint in old.joints():
-            copy = copies[id(joint)]
-            copy.joints = [copies[id(j)] for j in joint.joints]
+        old, out = self.old, self.old.copied()
+        for joint in out.joints():
+            for home in joint.segments:
+                home.shapes = _left(home)
+                home.displacers = home.displacers if home.shapes else []
             rows = self.gain.pop(joint.name, [])
             if rows:
-                copy.skin_coord_index = np.concatenate([joint.skin_coord_index, rows]).astype(np.int32)
-                copy.skin_coord_weight = np.concatenate([joint.skin_coord_weight, np.ones(len(rows))])
-        by_name = {c.name: c for c in copies.values()}
+                joint.skin_coord_index = np.concatenate([joint.skin_coord_index, rows]).astype(np.int32)
+                joint.skin_coord_weight = np.concatenate([joint.skin_coord_weight, np.ones(len(rows))])
+        by_name = {c.name: c for c in out.joints()}
         for name, parts in self.moves.items():
             for owner, d in self._joined(name, parts):
                 by_name[owner].displacers.append(d)
         skin = [*(_padded(s, self.count) for s in old.skin), *_merged(self.shapes, self.count)]
         normal = old.skin_normal if len(self.points) == 1 else None
-        roots = [copies[id(j)] for j in old.skeleton]
-        return replace(old, skeleton=roots, skin=skin, skin_coord=np.concatenate(self.points), skin_normal=normal)
+        return replace(out, skin=skin, skin_coord=np.concatenate(self.points), skin_normal=normal)
 
     def _joined(self, name: str, parts: list[tuple[str, Displacer]]) -> list[tuple[str, Displacer]]:
         """Parts of one displacer of a cut skin as one again, at the lowest joint above all of them."""
