@@ -160,7 +160,7 @@ def _rows(array: Floats) -> Floats:
 
 def _cut_out(figure: Figure) -> bool:
     """Whether the Segments draw the skin: all their points are skin points, whose weights are kept beside them."""
-    skin = {p.tobytes() for p in _rows(figure.points).astype(np.float32) + 0.0}
+    skin = {p.tobytes() for p in figure.points.reshape(-1, 3).astype(np.float32) + 0.0}
     found = False
     for segment, _ in figure.segments:
         for node in walk_groups(figure.chart.reading, segment.children("children")):
