@@ -166,9 +166,25 @@ def _save_scene(thing: Any, path: Path, extension: str, hanim: str | None) -> li
         humanoid = thing
     else:
         raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
+    humanoid, before = _without_newer_joints(humanoid, extension, hanim)
     built, lost = scene_of([humanoid], version=hanim, encoding=extension[1:])
     write_scene(built, path)
-    return lost
+    return before + lost
+
+
+def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:
+    """What an older version of the standard can hold of an animated body: motion of joints that it lacks is carried."""
+    from vitruvian.hanim import tables
+
+    version = hanim or ("200x" if extension == ".wrl" else "2.0")
+    same = hanim is None and humanoid.scene is not None and (humanoid.scene.encoding == "wrl") == (extension == ".wrl")
+    newer = any(tables.canonical(j.name) and tables.name_in(j.name, version) is None for j in humanoid.joints())
+    if same or not newer or not (humanoid.tracks or humanoid.motions):
+        return humanoid, []
+    from vitruvian.motion.lowering import lowered
+
+    humanoid, lost, _ = lowered(humanoid, version)
+    return humanoid, lost
 
 
 def write_scene(graph: Scene, path: str | Path) -> None:

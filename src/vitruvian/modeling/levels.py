@@ -1,4 +1,4 @@
-"""Levels of articulation, upwards: the joints that a finer level has and a body lacks, with a share of its skin.
+"""Levels of articulation: the joints that a finer level has and a body lacks, with a share of its skin; and back.
 
 A new joint is put where the standard's default figure has it, mapped by the similarity that takes the default bone
 between its existing neighbours to this body's (spine and limbs), or by the frame of the joint it hangs on (hands, feet,
@@ -16,8 +16,10 @@ from vitruvian.body.rotations import between, rotate
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
+from vitruvian.hanim.convert import converted
 from vitruvian.hanim.humanoid import Humanoid, Joint, Segment, Site
 from vitruvian.modeling.shares import Branch, shares
+from vitruvian.motion.lowering import lowered
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 _FACE = ("eyelid_joint", "eyeball_joint", "eyebrow_joint", "temporomandibular")
@@ -59,6 +61,30 @@ def raised(humanoid: Humanoid, loa: int) -> tuple[Humanoid, list[str]]:
     names = [tables.canonical(j.name) or j.name for j in figure.out.joints()]
     figure.out.loa = tables.complete_loa(names) if version == "2.0" else -1
     return figure.out, lost
+
+
+def at_level(
+    humanoid: Humanoid, loa: int | None = None, *, version: str | None = None
+) -> tuple[Humanoid, list[str], float]:
+    """The humanoid at a level of articulation 0..4 and in a version of the standard: finer, coarser or both.
+
+    Joints that the level has and the body lacks are added (`raised`), standard joints beyond it are folded with their
+    skin and motion (`vitruvian.motion.lowering.lowered`). `version` "2.0", "200x", "1.1", "1.0"; None keeps the body's,
+    as `loa` None keeps its level. Answers the new humanoid, what was lost, and the largest distance in metres by which a
+    vertex is off in its clips or at rest. Raises VitruvianError for levels that the version lacks.
+    """
+    own = _version(humanoid)
+    version = version or own
+    lost: list[str] = []
+    if loa is not None:
+        if tables.family(version) == "2.0" and own != "2.0":
+            humanoid, lost = converted(humanoid, "2.0")
+        elif tables.family(version) != "2.0" and loa > 3:
+            raise VitruvianError(f"level of articulation {loa}: H-Anim {version} ends at 3")
+        humanoid, gone = raised(humanoid, loa)
+        lost += gone
+    out, gone, off = lowered(humanoid, version, loa=loa)
+    return out, lost + gone, off
 
 
 def _version(humanoid: Humanoid) -> str:

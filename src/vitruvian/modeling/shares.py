@@ -13,8 +13,8 @@ import numpy as np
 
 from vitruvian.body.types import Floats
 
-_POWER = 6  # of the ratio of distances to two chains
-_LEAK = 0.05  # a chain with less than this share of the nearest one's gets none: fingers stay apart
+_POWER = 8  # of the ratio of distances to two chains
+_LEAK = 0.1  # a chain with less than this share of the nearest one's gets none: fingers stay apart
 
 
 @dataclass(frozen=True, eq=False)
