@@ -17,6 +17,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
 from vitruvian.hanim.convert import converted
+from vitruvian.hanim.default import default_places
 from vitruvian.hanim.humanoid import Humanoid, Joint, Segment, Site
 from vitruvian.modeling.shares import Branch, shares
 from vitruvian.motion.lowering import lowered
@@ -87,6 +88,11 @@ def at_level(
     return out, lost + gone, off
 
 
+def _ends() -> dict[str, str]:
+    """Last joint of each finger -> the feature point at its end, where the default figure has it."""
+    return {joint: s for s, joint in tables.segments().items() if "_carpal_distal_phalanx" in s and s in default_places()}
+
+
 def _version(humanoid: Humanoid) -> str:
     """The version whose names the body uses: what most of its joints say, else its tag."""
     names = [j.name for j in humanoid.joints()]
@@ -134,7 +140,15 @@ class _Figure:
         self.default = _defaults()
         self.where = {n: np.asarray(j.center, dtype=np.float64) for n, j in self.joints.items()}
         self.split: list[Joint] = []
-        self._scales: dict[str, float] = {}
+        self.ends = _ends()
+        self.tips = self._tips()
+
+    def _tips(self) -> dict[str, Floats]:
+        """Ends of fingers where Sites say them, by the last joint, whether this body has it or not."""
+        points, holder = tables.feature_points(), tables.segments()
+        sites = [s for j in self.out.joints() for s in [*j.sites, *(t for g in j.segments for t in g.sites)]]
+        found = {_home(s, points, holder): s.center + s.translation for s in sites if s.name.endswith("_tip")}
+        return {n: p for n, p in found.items() if n in self.ends}
 
     def above(self, name: str) -> str:
         """The nearest joint above `name` that the figure has by now."""
@@ -187,8 +201,11 @@ class _Figure:
             if placed and target is not None and self._target(anchor, flip) != target:
                 break
             anchor = self.table[anchor].parent or tables.ROOT
+        tip = self._end(name, flip)
         if target is not None:
             frame = self._bone(anchor, target, flip)
+        elif tip is not None and anchor != tables.ROOT:
+            frame = self._along(self._at(anchor, flip), tip[0], self.default[anchor], tip[1])
         else:
             frame = self._leaf(anchor, flip)
         center = frame(self.default[name])
@@ -196,6 +213,14 @@ class _Figure:
         if midline and self.where[tables.ROOT][0] == 0 and (target is None or self._at(target, flip)[0] == 0):
             center[0] = 0.0
         return center
+
+    def _end(self, name: str, flip: bool) -> tuple[Floats, Floats] | None:
+        """Where the finger that `name` belongs to ends, on this body and the default one; None when unknown."""
+        ends = [n for n in self.table if n in self.ends and self._under(n, name)]
+        mine = self.tips.get(_mate(ends[0]) if flip else ends[0]) if len(ends) == 1 else None
+        if mine is None:
+            return None
+        return (mine * MIRROR if flip else mine), default_places()[self.ends[ends[0]]]
 
     def _target(self, name: str, flip: bool) -> str | None:
         """The existing joint that the bone through `name` leads to: the skull for the spine, else the nearest below."""
@@ -207,8 +232,9 @@ class _Figure:
 
     def _bone(self, start: str, end: str, flip: bool) -> _Frame:
         """The frame that takes the default bone from `start` to `end` to this body's."""
-        a, b = self._at(start, flip), self._at(end, flip)
-        a0, b0 = self.default[start], self.default[end]
+        return self._along(self._at(start, flip), self._at(end, flip), self.default[start], self.default[end])
+
+    def _along(self, a: Floats, b: Floats, a0: Floats, b0: Floats) -> _Frame:
         length, length0 = np.linalg.norm(b - a), np.linalg.norm(b0 - a0)
         if length < 1e-9 or length0 < 1e-9:
             return _Frame(a, a0, between(b0 - a0, b0 - a0), self._size())
@@ -220,7 +246,8 @@ class _Figure:
         still = np.array([0.0, 0.0, 0.0, 1.0])
         if name == "skullbase":
             return _Frame(at, default, still, self._reach(name, np.array([0.0, 1.0, 0.0]), 0.1295, flip))
-        target = self._target(name, flip)
+        ball = name[:2] + "metatarsophalangeal_2"
+        target = ball if name.endswith("talocrural") and self._has(ball, flip) else self._target(name, flip)
         if target is not None and name != tables.ROOT:
             return self._bone(name, target, flip)
         above = self.table[name].parent
@@ -315,6 +342,8 @@ class _Figure:
     def _tip(self, path: list[str]) -> Floats:
         """Where the last bone of a chain ends: as far on as the bone before it was long."""
         last = self.where[path[-1]]
+        if path[-1] in self.tips:
+            return self.tips[path[-1]]
         return last + 0.9 * (last - self.where[path[-2]])
 
     def move_parts(self, new: list[str]) -> None:
@@ -345,13 +374,20 @@ def _home(site: Site, points: dict[str, tables.FeaturePoint], holder: dict[str, 
 
 
 def _defaults() -> dict[str, Floats]:
-    """The default centres; lids and brows, which come from a skeleton of other proportions, relative to the eyes."""
+    """The default centres; lids and brows about the eyes and bones of the feet about the ankle from one skeleton.
+
+    The table mixes two figures there: its lids are above the brows, its toes end behind their own tips.
+    """
     out, table = dict(tables.default_centers()), tables.joints()
-    for side in ("l_", "r_"):
-        eye = side + "eyeball_joint"
-        for name in (side + "eyelid_joint", side + "eyebrow_joint"):
-            offset = np.subtract(table[name].full_center or 0.0, table[eye].full_center or 0.0)
-            out[name] = out[eye] + offset
+    for name, entry in table.items():
+        feet = ("cuneo", "calcaneo", "transversetarsal", "talocalc", "tars", "metatars")
+        at = "talocrural" if name[2:].startswith(feet) else "eyeball_joint" if name[2:5] == "eye" else ""
+        if not at or name.startswith("r_") or name.endswith(at):
+            continue
+        center, around = entry.full_center, table["l_" + at].full_center
+        if center is not None and around is not None:
+            out[name] = out["l_" + at] + np.subtract(center, around) * (1.75 / 1.61)
+            out[_mate(name)] = out[name] * MIRROR
     return out
 
 

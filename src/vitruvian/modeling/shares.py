@@ -15,6 +15,8 @@ from vitruvian.body.types import Floats
 
 _POWER = 8  # of the ratio of distances to two chains
 _LEAK = 0.1  # a chain with less than this share of the nearest one's gets none: fingers stay apart
+_NEAR = 6  # power of the distance in the mean of places along a chain
+_BEYOND = 4  # thicknesses by which a chain goes on beyond its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,40 +34,56 @@ def shares(points: Floats, branches: list[Branch]) -> dict[str, Floats]:
 
     What is left of one stays with the former joint, the first of every branch.
     """
-    far, along = zip(*(_project(points, b) for b in branches))
-    distance = np.maximum(np.array(far), 1e-6)
-    near = distance.min(axis=0)
-    portion = (near / distance) ** _POWER
-    portion = np.maximum(portion / portion.max(axis=0) - _LEAK, 0.0)
+    distance = np.maximum(np.array([_distance(points, b) for b in branches]), 1e-6)
+    portion = (distance.min(axis=0) / distance) ** _POWER
+    portion = np.maximum(portion - _LEAK, 0.0)
     portion /= portion.sum(axis=0)
     out: dict[str, Floats] = {}
-    for k, branch in enumerate(branches):
+    for branch, part in zip(branches, portion):
+        near = np.flatnonzero(part > 0)
+        along = _along(points[near], branch)
         lengths = np.linalg.norm(np.diff(branch.points, axis=0), axis=1)
         start = np.concatenate([[0.0], np.cumsum(lengths)])
-        passed = [np.ones(len(points))]
+        passed = [np.ones(len(near))]
         for i in range(1, len(branch.joints)):
             low, high = start[i] - lengths[i - 1] / 2, start[i] + lengths[i] / 2
-            t = np.clip((along[k] - low) / max(high - low, 1e-9), 0.0, 1.0)
+            t = np.clip((along - low) / max(high - low, 1e-9), 0.0, 1.0)
             passed.append(t * t * (3 - 2 * t))
-        passed.append(np.zeros(len(points)))
+        passed.append(np.zeros(len(near)))
         for i in range(1, len(branch.joints)):
-            name = branch.joints[i]
-            out[name] = out.get(name, 0.0) + portion[k] * (passed[i] - passed[i + 1])
+            share = out.setdefault(branch.joints[i], np.zeros(len(points)))
+            share[near] += part[near] * (passed[i] - passed[i + 1])
     return out
 
 
-def _project(points: Floats, branch: Branch) -> tuple[Floats, Floats]:
-    """(n,) distance to the chain in thicknesses and (n,) length along the chain of the nearest place on it."""
+def _distance(points: Floats, branch: Branch) -> Floats:
+    """(n,) distance to the chain in thicknesses of its bones."""
     best = np.full(len(points), np.inf)
-    where = np.zeros(len(points))
-    start = 0.0
     for a, b, thick in zip(branch.points, branch.points[1:], branch.thickness):
         bone = b - a
-        length = float(np.linalg.norm(bone))
-        t = np.clip((points - a) @ bone / max(length * length, 1e-18), 0.0, 1.0)
-        far = np.linalg.norm(points - a - t[:, None] * bone, axis=1) / thick
-        better = far < best - 1e-12
-        best = np.where(better, far, best)
-        where = np.where(better, start + t * length, where)
-        start += length
-    return best, where
+        on = np.clip((points - a) @ bone / max(float(bone @ bone), 1e-18), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(points - a - on[:, None] * bone, axis=1) / thick)
+    return best
+
+
+def _along(points: Floats, branch: Branch) -> Floats:
+    """(n,) length along the chain of the place beside each point.
+
+    That place is the mean of the chain, weighted by a power of the distance: the nearest one close to the bones, and
+    without jumps at the breast, where several vertebrae are equally near. The chain goes on straight beyond its ends.
+    """
+    bones = np.diff(branch.points, axis=0)
+    lengths = np.maximum(np.linalg.norm(bones, axis=1), 1e-9)
+    total = float(lengths.sum())
+    thick = float(branch.thickness.max())
+    first = branch.points[0] - bones[0] / lengths[0] * thick * _BEYOND
+    last = branch.points[-1] + bones[-1] / lengths[-1] * thick * _BEYOND
+    knots = np.concatenate([[first], branch.points, [last]])
+    start = np.concatenate([[-thick * _BEYOND, 0.0], np.cumsum(lengths), [total + thick * _BEYOND]])
+    count = int(np.clip(np.ceil((start[-1] - start[0]) / (0.1 * thick)), 16, 200))
+    along = np.linspace(start[0], start[-1], count)
+    place = np.stack([np.interp(along, start, knots[:, k]) for k in range(3)], axis=1)
+    squared = (points * points).sum(axis=1)[:, None] - 2 * points @ place.T + (place * place).sum(axis=1)
+    squared = np.maximum(squared, (0.02 * thick) ** 2)
+    weight = (squared.min(axis=1, keepdims=True) / squared) ** (_NEAR // 2)
+    return np.clip((weight @ along) / weight.sum(axis=1), 0.0, total)
