@@ -58,21 +58,23 @@ def pieces(humanoid: Humanoid, *, by_place: bool = True) -> Iterator[tuple[Joint
 def _by_place(points: Floats, known: dict[bytes, list[int]], own: dict[int, float]) -> Ints | None:
     """The skin points (n,) where these stand, None when one stands elsewhere.
 
-    Of several at one place, points there take them in their order, those that the joint moves most first.
+    Of several at one place: `segment` keeps the order of the skin, so those between their neighbours; then those that
+    the joint moves most.
     """
-    rows = [known.get(p.tobytes()) for p in points.astype(np.float32) + 0.0]
+    rows = [known.get(p.tobytes(), []) for p in points.astype(np.float32) + 0.0]
     if not all(rows):
         return None
-    groups: dict[int, list[int]] = {}
-    for k, row in enumerate(rows):
-        if row is not None:
-            groups.setdefault(row[0], []).append(k)
-    index = np.zeros(len(points), np.int32)
-    for first, members in groups.items():
-        choices = rows[members[0]] or [first]
-        best = sorted(choices, key=lambda r: -own.get(r, 0.0))[: len(members)]
-        best = sorted(best) + [first] * (len(members) - len(best))
-        index[members] = best
+    first = np.array([r[0] for r in rows])
+    sure = np.array([len(r) == 1 for r in rows])
+    low = np.maximum.accumulate(np.where(sure, first, -1))
+    high = np.minimum.accumulate(np.where(sure, first, np.iinfo(np.int64).max)[::-1])[::-1]
+    index = first.astype(np.int32)
+    taken = set(first[sure].tolist())
+    for k in np.flatnonzero(~sure):
+        free = [r for r in rows[k] if r not in taken] or rows[k]
+        between = [r for r in free if low[k] < r < high[k]]
+        index[k] = max(between or free, key=lambda r: (own.get(r, 0.0), -r))
+        taken.add(int(index[k]))
     return index
 
 
