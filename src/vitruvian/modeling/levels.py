@@ -46,10 +46,9 @@ def raised(humanoid: Humanoid, loa: int) -> tuple[Humanoid, list[str]]:
     new = [n for n in wanted if n not in figure.joints]
     if not new:
         return figure.out, []
-    before = {id(j): known for known, j in figure.joints.items()}
     for name in new:
         figure.insert(name, version)
-    figure.share_skin(before)
+    figure.share_skin()
     figure.move_parts(new)
     lost = []
     rigid = [j.name for j in figure.split if any(s.points is not None for g in j.segments for s in g.shapes)]
@@ -134,7 +133,7 @@ class _Figure:
                 self.joints.setdefault(known, joint)
         if tables.ROOT not in self.joints:
             raise VitruvianError(f"humanoid {humanoid.name!r}: expected a joint humanoid_root, found none")
-        self.old = set(self.joints)
+        self.old = list(self.joints)
         self.parent = {id(c): j for j in self.out.joints() for c in j.joints}
         self.table = tables.joints()
         self.default = _defaults()
@@ -297,13 +296,12 @@ class _Figure:
         far = float(((points - self._at(name, flip)) @ along).max())
         return far / default if far > 0.3 * default * self._size() else self._size()
 
-    def share_skin(self, before: dict[int, str]) -> None:
+    def share_skin(self) -> None:
         """Share out the weights of each joint that new joints took parts of."""
         size = self._size()
-        for joint in list(self.joints.values()):
-            if id(joint) not in before:
-                continue
-            branches = self._branches(joint, before, size)
+        for name in self.old:
+            joint = self.joints[name]
+            branches = self._branches(name, size)
             if not branches:
                 continue
             self.split.append(joint)
@@ -319,16 +317,16 @@ class _Figure:
             left = weight - taken
             joint.skin_coord_index, joint.skin_coord_weight = index[left > 1e-14], left[left > 1e-14]
 
-    def _branches(self, joint: Joint, before: dict[int, str], size: float) -> list[Branch]:
+    def _branches(self, name: str, size: float) -> list[Branch]:
         """Chains of new joints below an existing one, each to the next existing joint or to its end."""
         out = []
-        stack: list[tuple[Joint, list[str]]] = [(joint, [before[id(joint)]])]
+        new = {id(j): n for n, j in self.joints.items() if n not in self.old}
+        stack: list[tuple[Joint, list[str]]] = [(self.joints[name], [name])]
         while stack:
             at, path = stack.pop()
-            fresh = [c for c in at.joints if id(c) not in before]
-            fresh = [c for c in fresh if not (tables.canonical(c.name) or "").endswith(_FACE)]
-            old = [c for c in at.joints if id(c) in before]
-            stack += [(c, [*path, tables.canonical(c.name) or c.name]) for c in fresh]
+            fresh = [c for c in at.joints if id(c) in new and not new[id(c)].endswith(_FACE)]
+            old = [c for c in at.joints if id(c) not in new]
+            stack += [(c, [*path, new[id(c)]]) for c in fresh]
             if len(path) == 1 and not fresh:
                 continue
             ends = [c.center for c in old] if len(path) > 1 or fresh else []

@@ -15,7 +15,7 @@ from vitruvian.body.types import Floats
 
 _POWER = 8  # of the ratio of distances to two chains
 _LEAK = 0.1  # a chain with less than this share of the nearest one's gets none: fingers stay apart
-_NEAR = 6  # power of the distance in the mean of places along a chain
+_NEAR = 4  # power of the distance in the mean of places along a chain
 _BEYOND = 4  # thicknesses by which a chain goes on beyond its ends
 
 
