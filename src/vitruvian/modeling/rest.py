@@ -55,7 +55,8 @@ def rest_turns(
     hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all).
     """
     index = {n: i for i, n in enumerate(names)}
-    turn = np.tile([0.0, 0.0, 0.0, 1.0] if start is None else start, (len(names), 1))
+    first = rot.IDENTITY if start is None else start
+    turn = np.tile(first, (len(names), 1))
     for i, name in enumerate(names):
         if parents[i] >= 0:
             turn[i] = turn[parents[i]]
@@ -76,7 +77,10 @@ def rest_turns(
 
         if part == "shoulder" and f"{side}_elbow" in index:
             length = max(float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i])), 1e-9)
-            tilt = np.arcsin(np.clip((hip_width - abs(centers[i, 0])) / length, 0.0, MOST_TILT))
+            mate = index.get(("r_" if side == "l" else "l_") + part)
+            across = 2 * centers[i] if mate is None else centers[i] - centers[mate]
+            half = abs(float(rot.rotate(first, across)[0])) / 2
+            tilt = np.arcsin(np.clip((hip_width - half) / length, 0.0, MOST_TILT))
             outward = np.sin(tilt) * (1 if side == "l" else -1)
             swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
             if f"{side}_radiocarpal" in index:
@@ -95,8 +99,9 @@ def rest_turns(
             swing(along("knee" if part == "hip" else "talocrural"), DOWN)
         elif part == "talocrural":
             foot = along("metatarsophalangeal_2")
-            if foot is not None:
-                turn[i] = _about_y(-float(np.arctan2(foot[0], foot[2])))
+            if foot is not None:  # the foot keeps its slope: soles are flat in any stance
+                now = rot.rotate(first, foot)
+                turn[i] = rot.multiply(_about_y(-float(np.arctan2(now[0], now[2]))), first)
         elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
             nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
             swing(along(nexts.get(part, name)), THUMB)
@@ -172,4 +177,6 @@ def hip_reach(points: Floats, weights: Weights, index: dict[str, int], centers: 
     else:
         low = matrices[tip, 1, :3] @ centers[tip] + matrices[tip, 1, 3]
     level = (chosen[:, 1] > low - 0.03) & (chosen[:, 1] < high + 0.03)
-    return float(chosen[level, 0].max()) if level.any() else 0.0
+    sides = [index[n] for n in ("l_hip", "r_hip") if n in index]
+    middle = float(np.mean([matrices[j, 0, :3] @ centers[j] + matrices[j, 0, 3] for j in sides])) if sides[1:] else 0.0
+    return float(chosen[level, 0].max()) - middle if level.any() else 0.0
