@@ -246,7 +246,9 @@ def chain(kind: str, *, own_skin: bool) -> Humanoid:
     turns = np.array([[0.0, 0, 1, 0], [0, 0, 1, 0.7], [1, 0, 0, 0.5]])
     if kind == "tracks":
         h.tracks = [Track("vl4", "rotation", np.array([0, 0.5, 1]), turns, 1.0, False, "bow")]
-        h.tracks.append(Track("vl5", "rotation", np.array([0, 1.0]), np.array([[0, 1, 0, 0], [0, 1.0, 0, 0.3]]), 1.0, False, "bow"))
+        h.tracks.append(
+            Track("vl5", "rotation", np.array([0, 1.0]), np.array([[0, 1, 0, 0], [0, 1.0, 0, 0.3]]), 1.0, False, "bow")
+        )
     else:
         values = np.array([[0, 0, 0, 0.0], [40, 0, 0, 9], [0, 30, 0, 17]])
         h.motions = [MotionData("bow", ["vl4", "vl5"], [TURN["ZXY"], ("Yrotation",)], values, 0.5, True, False)]
@@ -293,7 +295,9 @@ def test_motion_on_a_skeleton() -> None:
 
 def test_untouched_tracks_keep_their_keys_and_rest_rotations_are_carried() -> None:
     h = typed(4)
-    h.tracks.append(Track("vl4", "rotation", np.array([0, 1.0]), np.array([[1.0, 0, 0, 0], [1, 0, 0, 0.4]]), 2.0, True, "wave"))
+    h.tracks.append(
+        Track("vl4", "rotation", np.array([0, 1.0]), np.array([[1.0, 0, 0, 0], [1, 0, 0, 0.4]]), 2.0, True, "wave")
+    )
     h.tracks.append(Track("blink_action", "weight", np.array([0, 1.0]), np.array([[0.0], [1.0]]), 2.0, True, "wave"))
     h.joint("vc3").rotation = np.array([0, 1.0, 0, 0.5])
     down, _, _ = lowered(h, "1.1")

@@ -164,7 +164,8 @@ def convert(
         if value is not None and value not in choices:
             raise VitruvianError(f"{option}: expected {' or '.join(choices)}, found {value}")
     thing = registry.load(source, name=name, repair=repair)
-    lost, off = [], 0.0
+    lost: list[str] = []
+    off = 0.0
     if loa is not None or rest or skin:
         thing, lost, off = _remade(thing, target, hanim, loa, rest, skin)
     report = registry.save(thing, target, hanim=hanim)

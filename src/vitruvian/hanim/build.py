@@ -15,7 +15,7 @@ from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Node, Route, Scene, Use
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Site
 from vitruvian.hanim.reading import Reading
-from vitruvian.hanim.segmenting import segment
+from vitruvian.hanim.segmenting import segment as cut
 from vitruvian.hanim.studio import studio
 
 _ROTATION = np.array([0.0, 0.0, 1.0, 0.0])
@@ -128,7 +128,7 @@ class _Builder:
         if self.version != "1.1" or not len(h.skin_coord):
             return h
         self.lost.append("the seamless skin: H-Anim 1.1 has none, its triangles went to the segments of their joints")
-        return segment(h)
+        return cut(h)
 
     def node(self, kind: str, name: str = "") -> Node:
         """An H-Anim node: HAnimJoint in X3D, Joint in VRML97."""

@@ -17,8 +17,9 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
 
     `version` is one of "2.0", "200x", "1.1", "1.0". Upwards every name is looked up in the alias tables; unknown names
     are custom and stay. Downwards joints that exist in 2.0 only, and standard joints above `loa`, are folded into their
-    nearest kept ancestor (toes into the second ray, which stands for all): geometry, sites and displacers move there, skin weights add up, their own animation is
-    dropped (`vitruvian.motion.lowering` carries it). Arrays are shared with the original, which stays as it is.
+    nearest kept ancestor (toes into the second ray, which stands for all): geometry, sites and displacers move there,
+    skin weights add up, their own animation is dropped (`vitruvian.motion.lowering` carries it). Arrays are shared with
+    the original, which stays as it is.
     """
     if version not in VERSIONS:
         raise VitruvianError(f"H-Anim version: expected one of {', '.join(VERSIONS)}, found {version!r}")

@@ -118,7 +118,9 @@ def _over(shape: Shape, points: NDArray[np.float64], first: int) -> Shape:
         points=points,
         triangles=(own + first).astype(np.int32),
         uv_triangles=own if shape.uv is not None and shape.uv_triangles is None else shape.uv_triangles,
-        normal_triangles=own if shape.normals is not None and shape.normal_triangles is None else shape.normal_triangles,
+        normal_triangles=own
+        if shape.normals is not None and shape.normal_triangles is None
+        else shape.normal_triangles,
         colors=colors,
         skin_index=index,
         node=None,

@@ -257,7 +257,12 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
 def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned: bool) -> None:
     """Normals per corner. Those of a skin (Humanoid.skinNormal says them) and of faces are left to the faces."""
     found = geometry.children("normal")
-    if not found or shape.points is None or not mesh.corners.size or not reading.flag(geometry, "normalPerVertex", True):
+    if (
+        not found
+        or shape.points is None
+        or not mesh.corners.size
+        or not reading.flag(geometry, "normalPerVertex", True)
+    ):
         return
     normals = reading.numbers(found[0], "vector", "MFVec3f", 3)
     index = reading.indices(geometry, "normalIndex").astype(np.int64)
@@ -270,9 +275,9 @@ def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
         return
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     shape.normals = np.where(size > 0, normals / np.where(size > 0, size, 1.0), [0.0, 1.0, 0.0])
-    corners = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
-    if not np.array_equal(corners, shape.triangles) or len(normals) != len(shape.points):
-        shape.normal_triangles = corners
+    wound = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+    if not np.array_equal(wound, shape.triangles) or len(normals) != len(shape.points):
+        shape.normal_triangles = wound
 
 
 def _colors(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, points: int) -> None:

@@ -54,7 +54,9 @@ def raised(humanoid: Humanoid, loa: int) -> tuple[Humanoid, list[str]]:
     rigid = [j.name for j in figure.split if any(s.points is not None for g in j.segments for s in g.shapes)]
     if rigid:
         some = ", ".join(rigid[:3]) + (", ..." if len(rigid) > 3 else "")
-        lost.append(f"Segments of {len(rigid)} joints stay in one piece ({some}): weld them to a skin to share them out")
+        lost.append(
+            f"Segments of {len(rigid)} joints stay in one piece ({some}): weld them to a skin to share them out"
+        )
     bare = [figure.joints[n].name for n in new if n.endswith(_FACE)]
     if bare and len(humanoid.skin_coord):
         lost.append(f"no skin follows the new joints of the face ({', '.join(bare)}): nothing tells lids from cheeks")
@@ -89,7 +91,9 @@ def at_level(
 
 def _ends() -> dict[str, str]:
     """Last joint of each finger -> the feature point at its end, where the default figure has it."""
-    return {joint: s for s, joint in tables.segments().items() if "_carpal_distal_phalanx" in s and s in default_places()}
+    return {
+        joint: s for s, joint in tables.segments().items() if "_carpal_distal_phalanx" in s and s in default_places()
+    }
 
 
 def _version(humanoid: Humanoid) -> str:

@@ -87,7 +87,9 @@ def rest_turns(
                 forearm = _unit(centers[index[f"{side}_radiocarpal"]] - centers[index[f"{side}_elbow"]])
                 bent = rot.rotate(turn[i], forearm)
                 twist = float(np.clip(_twist_to(bent, FORWARD), -1.0, 1.0))
-                sure = float(np.clip((np.hypot(bent[0], bent[2]) - 0.25) / 0.2, 0.0, 1.0))  # a straight arm tells nothing
+                sure = float(
+                    np.clip((np.hypot(bent[0], bent[2]) - 0.25) / 0.2, 0.0, 1.0)
+                )  # a straight arm tells nothing
                 turn[i] = rot.multiply(_about_y(twist * sure), turn[i])
         elif part == "elbow":
             swing(along("radiocarpal"), DOWN)

@@ -136,8 +136,8 @@ def _posed(body: Body, matrices: Floats, name: str) -> Floats:
     whole = matrices if body.skeleton.binding is None else matrices @ body.skeleton.binding
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        out = bound(name, replace(body, skin=replace(body.skin, morphs=())), weights="normalise")(whole)
-    out = out.astype(np.float64)
+        moved = bound(name, replace(body, skin=replace(body.skin, morphs=())), weights="normalise")(whole)
+    out: Floats = moved.astype(np.float64)
     loose = body.skin.weights.sums == 0
     out[loose] = body.skin.rest[loose] @ matrices[0, :3, :3].T + matrices[0, :3, 3]
     return out
@@ -168,8 +168,9 @@ class _Mover:
         moved = turned(shape, self.matrix)
         key = (id(shape.points), b"" if shape.transform is None else shape.transform.tobytes())
         first = self.seen.setdefault(key, moved)
-        same = shape.normals is not None and first.normals is not None and len(first.normals) == len(shape.normals)
-        normals = first.normals if same and np.array_equal(first.normals, moved.normals) else moved.normals
+        normals = moved.normals
+        if normals is not None and first.normals is not None and np.array_equal(first.normals, normals):
+            normals = first.normals
         return replace(moved, points=first.points, normals=normals, node=None)
 
     def site(self, site: Site) -> Site:

@@ -159,12 +159,13 @@ def _tracks(
     turned, shifted = changed(before, after, same)
     back = {i: j for j, i in same.items()}
     out = []
-    for t, i in zip(tracks, where):
-        if i is None or t.field not in ("rotation", "translation", "scale", "center"):
+    for t, at in zip(tracks, where):
+        if at is None or t.field not in ("rotation", "translation", "scale", "center"):
             out.append(t)
             continue
-        j = back.get(i)
-        if j is not None and j not in (turned if t.field == "rotation" else shifted if t.field == "translation" else ()):
+        j = back.get(at, -1)
+        touched = turned if t.field == "rotation" else shifted if t.field == "translation" else set()
+        if j >= 0 and j not in touched:
             out.append(replace(t, target=target.names[j]))
     model = moving[0][0]
     for j in sorted(turned):
