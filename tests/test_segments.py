@@ -14,7 +14,7 @@ import vitruvian as vt
 from scene_figure import typed
 from vitruvian.body.kinematics import move, pose_matrices
 from vitruvian.body.rotations import from_vector
-from vitruvian.formats.x3d import read_x3d, write_x3d
+from vitruvian.formats.x3d import parse_x3d, read_x3d, write_x3d
 from vitruvian.hanim import tables
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.doctor import check
@@ -259,3 +259,34 @@ def test_a_figure_with_skin_and_segments_keeps_both() -> None:
     back = vt.weld(cut)
     assert len(back.skin_coord) == len(h.skin_coord) + 3
     assert {d.name for d in back.joint("skullbase").displacers} == {"own_action", "blink_action"}
+
+
+QUADS = """<X3D profile="Immersive" version="4.0"><Scene><HAnimHumanoid name="q" version="2.0">
+<HAnimJoint name="humanoid_root" containerField="skeleton"><HAnimSegment name="sacrum"><Shape><IndexedFaceSet
+ coordIndex="0 1 2 -1 0 2 3 4 -1 4 3 5 6 -1 1 7 2 -1" texCoordIndex="0 1 2 -1 0 2 3 4 -1 7 8 5 6 -1 1 7 2 -1">
+<Coordinate point="0 0 0 1 0 0 1 1 0 0 1 0 -1 1 0 0 2 0 -1 2 0 2 1 0"/>
+<TextureCoordinate point="0 0 1 0 1 1 0 1 0 .5 .5 .5 .2 .2 .3 .3 .4 .4"/></IndexedFaceSet></Shape></HAnimSegment>
+</HAnimJoint></HAnimHumanoid></Scene></X3D>"""
+
+
+def test_quads_stay_quads_and_come_first() -> None:
+    (h,) = humanoids(parse_x3d(QUADS.encode(), "q.x3d"))
+    scene, _ = scene_of([h], version="2.0")
+    (faces_node,) = [n for n in scene.walk() if n.type == "IndexedFaceSet"]
+    index, uv = faces_node.fields["coordIndex"], faces_node.fields["texCoordIndex"]
+    np.testing.assert_array_equal([len(p.split()) for p in " ".join(map(str, index)).split("-1")], [4, 4, 3, 3, 0])
+    np.testing.assert_array_equal(np.flatnonzero(index == -1), np.flatnonzero(uv == -1))
+    (again,) = humanoids(scene)
+    a, b = (x.segments()[0].shapes[0] for x in (h, again))
+    np.testing.assert_array_equal(faces([a]), faces([b]))
+    corners = lambda s: {  # noqa: E731
+        tuple(sorted(zip(map(int, p), map(int, u)))) for p, u in zip(s.triangles, s.uv_triangles)
+    }
+    assert corners(a) == corners(b)
+    assert len(np.unique(b.faces)) == 4
+    whole = vt.weld(h).skin[0]
+    np.testing.assert_array_equal(whole.faces, a.faces)
+    h.segments()[0].shapes[0].uv_triangles[2, 0] = 5  # a seam of the texture inside a quad keeps its triangles
+    scene, _ = scene_of([h], version="2.0")
+    (faces_node,) = [n for n in scene.walk() if n.type == "IndexedFaceSet"]
+    assert (faces_node.fields["coordIndex"] == -1).sum() == 5

@@ -9,6 +9,7 @@ import numpy as np
 from vitruvian.hanim.graph import Literal, Node, Use
 from vitruvian.hanim.humanoid import Array, Material, Shape
 from vitruvian.hanim.normals import turned
+from vitruvian.hanim.polygons import closed, corner_loops
 from vitruvian.hanim.values import parse
 
 _NOT_NMTOKEN = re.compile(r"[^A-Za-z0-9_.-]")
@@ -84,17 +85,18 @@ class ShapeWriter:
         fields["creaseAngle"] = float(min(shape.crease_angle, np.pi))
         if shape.material.double_sided:
             fields["solid"] = False
-        fields["coordIndex"] = _closed(shape.triangles)
+        loops = corner_loops(shape)
+        fields["coordIndex"] = closed(shape.triangles, loops)
         if shape.uv is not None:
             uv_triangles = shape.triangles if shape.uv_triangles is None else shape.uv_triangles
             if not np.array_equal(uv_triangles, shape.triangles):
-                fields["texCoordIndex"] = _closed(uv_triangles)
+                fields["texCoordIndex"] = closed(uv_triangles, loops)
         if shape.colors is not None:
             fields["colorPerVertex"] = True
         if shape.normals is not None and shape.points is not None:
             fields["normalPerVertex"] = True
             if shape.normal_triangles is not None:
-                fields["normalIndex"] = _closed(shape.normal_triangles)
+                fields["normalIndex"] = closed(shape.normal_triangles, loops)
             made = Node("Normal", fields={"vector": shape.normals})
             fields["normal"] = self.share("normal", shape.normals, f"{prefix}normals", made)
         fields["coord"] = self.share("coord", points, coords, Node("Coordinate", fields={"point": points}))
@@ -105,7 +107,7 @@ class ShapeWriter:
             used = np.unique(shape.triangles)
             if len(used) < len(shape.colors):
                 local = np.searchsorted(used, shape.triangles)
-                fields["colorIndex"] = _closed(local)
+                fields["colorIndex"] = closed(local, loops)
                 fields["color"] = Node("Color", fields={"color": np.clip(shape.colors[used], 0, 1)})
             else:
                 made = Node("Color", fields={"color": np.clip(shape.colors, 0, 1)})
@@ -159,8 +161,3 @@ def _texture_url(look: Material) -> tuple[str, ...]:
     if isinstance(url, Literal):
         url = parse(url, "MFString")
     return tuple([url] if isinstance(url, str) else url or ())  # type: ignore[arg-type]
-
-
-def _closed(triangles: np.ndarray) -> np.ndarray:
-    """Triangles as a coordIndex list with -1 behind each."""
-    return np.column_stack([triangles, np.full(len(triangles), -1)]).astype(np.int32).reshape(-1)

@@ -63,6 +63,7 @@ class Shape:
     `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replace the material's, or None.
     `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
     `normals` (m,3) unit, one per point, or per corner by `normal_triangles` (t,3); None: as the faces give them.
+    `faces` (t,) numbers the polygon that each triangle was cut from, None when all were triangles.
     `skin_index` (n,): of which skin point each point is a copy, when the shape was cut out of the humanoid's skin.
     """
 
@@ -79,6 +80,7 @@ class Shape:
     normals: Array | None = None
     normal_triangles: NDArray[np.int32] | None = None
     skin_index: NDArray[np.int32] | None = None
+    faces: NDArray[np.int32] | None = None
 
 
 @dataclass(slots=True, eq=False)

@@ -148,6 +148,7 @@ def _piece(shape: Shape, mine: NDArray[np.bool_], rows: Ints, points: NDArray[np
         uv_triangles=None if shape.uv is None else uv_triangles[mine],
         colors=None if shape.colors is None else shape.colors[rows],
         skin_index=rows,
+        faces=None if shape.faces is None else shape.faces[mine],
         transform=None,
     )
 

@@ -128,6 +128,8 @@ def _shape(reading: Reading, node: Node, skin_coord: Node | None) -> Shape | Non
     turned = not reading.flag(geometry, "ccw", True)
     shape.triangles = mesh.triangles[:, ::-1] if turned else mesh.triangles
     shape.triangles = np.ascontiguousarray(shape.triangles)
+    if geometry.type in {"IndexedFaceSet", "QuadSet", "IndexedQuadSet"} and (np.diff(mesh.face) == 0).any():
+        shape.faces = mesh.face.astype(np.int32)
     _texture(reading, geometry, mesh, shape, turned)
     _normals(reading, geometry, mesh, shape, turned)
     _colors(reading, geometry, mesh, shape, len(points))

@@ -241,9 +241,22 @@ def _merged(shapes: list[tuple[Shape, str]], count: int) -> list[Shape]:
                 colors[used] = s.colors[used] if s.colors is not None else 0.8
         corners = [s.uv_triangles for s in group if s.uv_triangles is not None]
         triangles = np.concatenate([s.triangles for s in group])
+        faces = _numbered(group)
         uv_triangles = np.concatenate(corners) if corners else None
-        out.append(replace(first, triangles=triangles, uv_triangles=uv_triangles, colors=colors))
+        out.append(replace(first, triangles=triangles, uv_triangles=uv_triangles, colors=colors, faces=faces))
     return sorted(out, key=lambda s: int(s.triangles.min(initial=count)))
+
+
+def _numbered(group: list[Shape]) -> Ints | None:
+    """Polygon numbers of shapes laid end to end; None when none of them has any."""
+    if all(s.faces is None for s in group):
+        return None
+    out, count = [], 0
+    for s in group:
+        own = np.arange(len(s.triangles)) if s.faces is None else s.faces
+        out.append(own + count)
+        count += int(own.max(initial=-1)) + 1
+    return np.concatenate(out).astype(np.int32)
 
 
 def _look(m: Material) -> tuple:
