@@ -13,12 +13,14 @@ import pytest
 import vitruvian as vt
 from vitruvian.body.kinematics import joint_matrices, joint_positions, move, site_positions
 from vitruvian.body.rotations import from_axis_angle, to_axis_angle
+from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.doctor import check
 from vitruvian.hanim.humanoid import Displacer, Humanoid
 from vitruvian.hanim.normals import turned
 from vitruvian.modeling.standing import standard_pose
+from vitruvian.motion.lowering import lowered
 from vitruvian.motion.tracks import motion_data, motion_of, tracks_of
 
 
@@ -168,6 +170,27 @@ def test_limits_of_turned_joints_are_told() -> None:
     assert len(out.joint("l_shoulder").llimit) == 0
     assert any("limits" in x and "l_shoulder" in x for x in lost)
     np.testing.assert_array_equal(out.joint("l_knee").llimit, h.joint("l_knee").llimit)
+
+
+def test_a_joint_without_size_is_named() -> None:
+    h = person(2).copied()
+    h.joint("l_knee").scale = np.array([1.0, 0, 1])
+    with pytest.raises(VitruvianError, match="joint l_knee: expected a scale above zero"):
+        standard_pose(h)
+    with pytest.raises(VitruvianError, match="joint l_knee"):
+        lowered(h, "2.0", loa=1)
+
+
+def test_scaled_joints_become_surface() -> None:
+    h = person(1).copied()
+    h.joint("skullbase").scale = np.full(3, 1.2)
+    a = vt.pack(h)
+    before = vt.deformer("linear", a)(joint_matrices(a.skeleton))[0]
+    out, lost = standard_pose(h, deformer="linear")
+    assert any("scales of joints" in x for x in lost)
+    top = a.skin.weights.joint == a.skeleton.index["skullbase"]
+    head = a.skin.weights.vertex[top & (a.skin.weights.weight > 0.999)]
+    np.testing.assert_allclose(np.ptp(out.skin_coord[head], axis=0), np.ptp(before[head], axis=0), atol=1e-5)
 
 
 def test_a_body_of_parts_and_an_upside_down_axis(shared: Path) -> None:

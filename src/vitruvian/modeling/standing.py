@@ -23,7 +23,7 @@ from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Segment, Shape, Site
 from vitruvian.hanim.normals import turned
 from vitruvian.modeling.rest import hip_reach, rest_matrices, rest_turns
-from vitruvian.motion.takes import Take, carried
+from vitruvian.motion.takes import Take, carried, local_matrices
 
 HAND = 0.034 / 1.43  # from the thigh to the middle of a hanging hand, over the height from ankle to skull
 _TURNED = 0.1  # radians by which a joint's rest must turn for its limits to mean something else
@@ -41,6 +41,7 @@ def standard_pose(humanoid: Humanoid, *, deformer: str = "log") -> tuple[Humanoi
     body = pack(humanoid)
     plain = replace(body.skeleton, binding=None)
     shown = pose_matrices(plain, plain.rotation[None], plain.translation[None])[0]
+    local_matrices(plain, shown[None])  # says which joint has no inverse
     stand = _stand(humanoid, body, shown)
     matrices = stand @ shown
     points = _posed(body, matrices, deformer)
@@ -55,10 +56,7 @@ def standard_pose(humanoid: Humanoid, *, deformer: str = "log") -> tuple[Humanoi
 
     def change(take: Take) -> Take:
         old = pose_matrices(plain, take.rotation, take.translation) @ back
-        local = old.copy()
-        for j, parent in enumerate(plain.parents):
-            if parent >= 0:
-                local[:, j] = np.linalg.solve(old[:, parent], old[:, j])
+        local = local_matrices(plain, old)
         linear = local[..., :3, :3]
         if not (plain.scale == 1).all():
             u, _, vt = np.linalg.svd(linear)

@@ -23,7 +23,7 @@ from vitruvian.hanim.folding import stand_in
 from vitruvian.hanim.humanoid import Humanoid, Joint
 from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
-from vitruvian.motion.takes import Take, carried
+from vitruvian.motion.takes import Take, carried, local_matrices
 from vitruvian.motion.types import Motion
 
 _FRAMES = 120  # of a clip that the report measures
@@ -189,10 +189,7 @@ class Folding:
         new = np.empty((len(old), len(self.target), 4, 4))
         for j, chain in self.drivers.items():
             new[:, j] = self._follow(old, chain)
-        local = new.copy()
-        for j, parent in enumerate(self.target.parents):
-            if parent >= 0:
-                local[:, j] = np.linalg.solve(new[:, parent], new[:, j])
+        local = local_matrices(self.target, new)
         linear = local[..., :3, :3]
         if not (self.target.scale == 1).all():
             u, _, vt = np.linalg.svd(linear)

@@ -14,6 +14,7 @@ import numpy as np
 
 from vitruvian.body.rotations import to_euler
 from vitruvian.body.types import Floats, Skeleton
+from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid, MotionData, Track
 from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
@@ -30,6 +31,22 @@ class Take:
 
     rotation: Floats
     translation: Floats
+
+
+def local_matrices(skeleton: Skeleton, world: Floats) -> Floats:
+    """(F,J,4,4) of joints relative to their parents, from those in humanoid space.
+
+    Raises VitruvianError, naming the joint, where a parent is squashed flat by a scale of zero.
+    """
+    flat = np.abs(np.linalg.det(world[..., :3, :3])).min(axis=0) < 1e-15
+    if flat.any():
+        name = skeleton.names[int(np.argmax(flat))]
+        raise VitruvianError(f"joint {name}: expected a scale above zero, found zero; give it a scale to convert it")
+    local = world.copy()
+    for j, parent in enumerate(skeleton.parents):
+        if parent >= 0:
+            local[:, j] = np.linalg.solve(world[:, parent], world[:, j])
+    return local
 
 
 def carried(
