@@ -106,7 +106,7 @@ class ShapeWriter:
         if shape.colors is not None:
             used = np.unique(shape.triangles)
             if len(used) < len(shape.colors):
-                local = np.searchsorted(used, shape.triangles)
+                local = np.searchsorted(used, shape.triangles).astype(np.int32)
                 fields["colorIndex"] = closed(local, loops)
                 fields["color"] = Node("Color", fields={"color": np.clip(shape.colors[used], 0, 1)})
             else:
