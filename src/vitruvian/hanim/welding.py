@@ -110,7 +110,6 @@ class _Welder:
         self.gain: dict[str, list[int]] = {}  # joint -> rows that ride with it
         self.shapes: list[tuple[Shape, str]] = []  # over skin rows, and the joint they come from
         self.moves: dict[str, list[tuple[str, Displacer]]] = {}  # displacer name -> parts and their joints
-        self.cut: set[str] = set()  # displacers that were cut out of one
 
     def welded(self) -> Humanoid:
         old = self.old
@@ -124,7 +123,6 @@ class _Welder:
                     model = cut.get((id(home), id(shape.points)))
                     if model is not None and model.skin_index is not None:
                         index = model.skin_index
-                        self.cut |= {d.name for d in home.displacers}
                     else:
                         index = self._placed(shape, joint)
                     self.shapes.append((replace(turned(shape), skin_index=index), joint.name))
@@ -181,8 +179,8 @@ class _Welder:
         return replace(out, skin=skin, skin_coord=np.concatenate(self.points), skin_normal=normal)
 
     def _joined(self, name: str, parts: list[tuple[str, Displacer]]) -> list[tuple[str, Displacer]]:
-        """Parts of one displacer of a cut skin as one again, at the lowest joint above all of them."""
-        if name not in self.cut or len(parts) == 1:
+        """Displacers of one name are parts of one that was cut: joined at the lowest joint above all of them."""
+        if len(parts) == 1:
             return parts
         index = np.concatenate([d.coord_index for _, d in parts])
         moves = np.concatenate([d.displacements for _, d in parts])
