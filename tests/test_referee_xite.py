@@ -22,9 +22,12 @@ from vitruvian.formats.registry import write_scene
 from vitruvian.formats.vrml import read_vrml, write_vrml
 from vitruvian.formats.x3d import read_x3d, write_x3d
 from vitruvian.formats.x3d_json import parse_json
+from vitruvian.hanim import tables
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.view import humanoids
+from vitruvian.hanim.welding import weld
+from vitruvian.modeling.levels import at_level
 from vitruvian.modeling.person import person
 
 if TYPE_CHECKING:
@@ -106,8 +109,30 @@ def test_xite_agrees_on_the_built_in_person(shared: Path, referee: Path, chromiu
     agree(shared, referee, chromium, {write(person(), tmp_path, "person", "x3d", "2.0"): True})
 
 
-def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> None:
-    """Every joint matrix within 1e-6; files marked True load without a message."""
+def test_xite_agrees_after_conversions(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
+    """Between versions and levels: joints that were there before move there as they did."""
+    joe, jin = (load(shared / "data" / "hanim" / n) for n in ("JoeHAnimKick1a.x3dv", "JinNoAnimations_Fixed.x3d"))
+    for h in (joe, jin):
+        h.tracks, h.motions = [], []
+    cases = {
+        "1.1": (typed(4), weld(load(write(typed(4), tmp_path, "down", "wrl", "1.1"))), "1.0"),
+        "200x": (joe, load(write(joe, tmp_path, "over", "wrl", "200x")), "2.0"),
+        "up": (typed(1), at_level(typed(1), 4)[0], "2.0"),
+        "low": (jin, at_level(jin, 2)[0], "2.0"),
+    }
+    files = {write(h, tmp_path, name, "x3d", version): True for name, (_, h, version) in cases.items()}
+    found = agree(shared, referee, chromium, files)
+    for (before, _, _), result in zip(cases.values(), found, strict=True):
+        expected = {tables.canonical(n): m for n, m in matrices(before).items()}
+        theirs = {tables.canonical(n): np.array(m).reshape(4, 4).T for n, m in result["matrices"].items()}
+        both = [n for n in theirs if n in expected]
+        assert len(both) == min(len(theirs), len(expected))
+        for name in both:
+            assert np.abs(theirs[name] - expected[name]).max() < 1e-6, name
+
+
+def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> list[dict]:
+    """Every joint matrix within 1e-6; files marked True load without a message. What X_ITE said of each."""
     script = shared / "hanim" / "referee" / "xite_load.mjs"
     found = run(script, referee, chromium, list(files), "--pose", json.dumps(POSE))
     for path, result in zip(files, found, strict=True):
@@ -117,6 +142,7 @@ def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -
         for joint, theirs in result["matrices"].items():
             difference = np.abs(ours[joint] - np.array(theirs).reshape(4, 4).T).max()
             assert difference < 1e-6, (path.name, joint)
+    return found
 
 
 def test_xite_loads_every_version(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:

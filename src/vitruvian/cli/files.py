@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 def _humanoid_facts(h: Humanoid) -> dict[str, Any]:
     segments = h.segments()
-    if len(h.skin_coord):
+    if h.skin and len(h.skin_coord):
         vertices, triangles = len(h.skin_coord), sum(len(s.triangles) for s in h.skin)
     else:
         shapes = [s for g in segments for s in g.shapes]
-        vertices = sum(0 if s.points is None else len(s.points) for s in shapes)
+        vertices = sum(len(p) for p in {id(s.points): s.points for s in shapes if s.points is not None}.values())
         triangles = sum(len(s.triangles) for s in shapes)
     return {
         "name": h.name,
@@ -177,7 +177,11 @@ def convert(
     source: Path = typer.Argument(..., metavar="IN", help="File to read."),
     target: Path = typer.Argument(..., metavar="OUT", help="File to write; its extension says the format."),
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
-    loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
+    loa: int | None = typer.Option(
+        None, min=0, max=4, help="Level of articulation: joints above it are folded, joints it lacks are added."
+    ),
+    rest: str | None = typer.Option(None, "--rest", help="standard: re-pose an A or T pose to the standard rest pose."),
+    skin: str | None = typer.Option(None, "--skin", help="segments: cut the skin into Segments; seamless: weld them."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several (scenes: all of them)."),
     clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
@@ -187,6 +191,9 @@ def convert(
 ) -> None:
     """Convert any readable file to any writable format, and say what was lost.
 
+    A body can change its H-Anim version, level of articulation, rest pose and kind of surface on the way; its clips
+    follow.
+
     Reads .x3d .x3dv .x3dj .json .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d
     .x3dv .x3dj .json .wrl .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra:
     pip install 'vitruvian[usd]'.
@@ -195,23 +202,23 @@ def convert(
 
     if hanim not in (None, "1.1", "200x", "2.0"):
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
+    for option, value, choices in (("--rest", rest, ("standard",)), ("--skin", skin, ("segments", "seamless"))):
+        if value is not None and value not in choices:
+            raise VitruvianError(f"{option}: expected {' or '.join(choices)}, found {value}")
     if names is not None and registry.extension(source) not in registry.FIGURES:
         raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
-    several = name is None and loa is None and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
+    plain = name is None and loa is None and rest is None and skin is None
+    several = plain and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
     found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
     options = {} if names is None else {"names": names}
     thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
-    if loa is not None:
-        from vitruvian.hanim.convert import VERSIONS, converted
-        from vitruvian.hanim.humanoid import Humanoid
-
-        if not isinstance(thing, Humanoid):
-            raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
-        version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
-        thing, lost = converted(thing, version, loa=loa)
+    off = 0.0
+    if loa is not None or rest or skin:
+        thing, lost, off = _remade(thing, target, hanim, loa, rest, skin)
     report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake))
     report["lost"] = lost + report["lost"]
+    report["max_vertex_error_m"] = max(report["max_vertex_error_m"], off)
     text = f"wrote {target}"
     if report["pruned_weights"]:
         text += (
@@ -219,6 +226,39 @@ def convert(
             f"at most {report['max_vertex_error_m'] * 1000:.2f} mm off"
         ).replace("vertexs", "vertices")
     emit(report, "\n".join([text, *(f"lost: {line}" for line in report["lost"])]), as_json)
+
+
+def _remade(
+    thing: Any, target: Path, hanim: str | None, loa: int | None, rest: str | None, skin: str | None
+) -> tuple[Humanoid, list[str], float]:
+    """The body with the level, rest pose and kind of surface that were asked for; what was lost; how far it is off."""
+    from vitruvian.formats.registry import extension
+    from vitruvian.hanim.humanoid import Humanoid
+
+    if not isinstance(thing, Humanoid):
+        what = "--loa" if loa is not None else "--rest" if rest else "--skin"
+        raise VitruvianError(f"{what}: expected an H-Anim body, found a {type(thing).__name__.lower()}")
+    lost: list[str] = []
+    off = 0.0
+    if skin == "seamless":
+        from vitruvian.hanim.welding import weld
+
+        thing = weld(thing)
+    if rest:
+        from vitruvian.modeling.standing import standard_pose
+
+        thing, lost = standard_pose(thing)
+    version = hanim or ("200x" if extension(target) == ".wrl" else None)
+    if loa is not None or version is not None:
+        from vitruvian.modeling.levels import at_level
+
+        thing, gone, off = at_level(thing, loa, version=version)
+        lost += gone
+    if skin == "segments":
+        from vitruvian.hanim.segmenting import segment
+
+        thing = segment(thing)
+    return thing, lost, off
 
 
 def _pose_of(text: str) -> dict[str, list[float]]:

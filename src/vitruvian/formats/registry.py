@@ -233,12 +233,31 @@ def _save_scene(
     things = list(thing) if isinstance(thing, list | tuple) else [thing]
     if not things:
         raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
-    humanoids = _with_clips(things, path, motion)
-    built, lost = scene_of(
-        humanoids, version=hanim, encoding="x3dj" if extension == ".json" else extension[1:], draft=draft
-    )
+    before: list[str] = []
+    humanoids = []
+    for humanoid in _with_clips(things, path, motion):
+        fitted, gone = _without_newer_joints(humanoid, extension, hanim)
+        humanoids.append(fitted)
+        before += gone
+    encoding = "x3dj" if extension == ".json" else extension[1:]
+    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft)
     write_scene(built, path)
-    return lost
+    return before + lost
+
+
+def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:
+    """What an older version of the standard can hold of an animated body: motion of joints that it lacks is carried."""
+    from vitruvian.hanim import tables
+
+    version = hanim or ("200x" if extension == ".wrl" else "2.0")
+    same = hanim is None and humanoid.scene is not None and (humanoid.scene.encoding == "wrl") == (extension == ".wrl")
+    newer = any(tables.canonical(j.name) and tables.name_in(j.name, version) is None for j in humanoid.joints())
+    if same or not newer or not (humanoid.tracks or humanoid.motions):
+        return humanoid, []
+    from vitruvian.motion.lowering import lowered
+
+    humanoid, lost, _ = lowered(humanoid, version)
+    return humanoid, lost
 
 
 def _with_clips(things: list[Any], path: Path, form: str) -> list[Humanoid]:

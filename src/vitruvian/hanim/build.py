@@ -18,7 +18,7 @@ from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Literal, Node, Route, Scene, Use
 from vitruvian.hanim.humanoid import Described, Displacer, Humanoid, Joint, Pose, Segment, Site, Viewpoint
 from vitruvian.hanim.reading import Reading
-from vitruvian.hanim.segmenting import segmented
+from vitruvian.hanim.segmenting import segment as cut
 from vitruvian.hanim.studio import studio
 
 _SITES = {"pt", "tip", "view"}
@@ -154,10 +154,7 @@ class Builder:
         if self.version != "1.1" or not len(h.skin_coord):
             return h
         self.lost.append("the seamless skin: H-Anim 1.1 has none, its triangles went to the segments of their joints")
-        moved = sum(len(j.displacers) for j in h.joints())
-        if moved:
-            self.lost.append(f"{moved} displacers of joints: H-Anim 1.1 has them under segments only")
-        return segmented(h)
+        return cut(h)
 
     def node(self, kind: str, name: str = "") -> Node:
         """An H-Anim node: HAnimJoint in X3D, Joint in VRML97."""

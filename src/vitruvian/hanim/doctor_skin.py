@@ -123,7 +123,7 @@ def _skin(figure: Figure) -> None:
     chart, add, node = figure.chart, figure.chart.add, figure.node
     weighted = any(chart.numbers(j, "skinCoordWeight").any() for j in figure.joints)
     geometries = [g for s in figure.skin for g in s.children("geometry")]
-    if weighted and not geometries:
+    if weighted and not geometries and not _cut_out(figure):
         fix = "put the Shape into skin, with skinCoord USEd in its geometry"
         add("M05", node, "joints have weights but skin is empty: nothing of it is drawn", fix)
     if figure.skin_coord is None and weighted and geometries:
@@ -212,6 +212,21 @@ def _faces(chart: Chart, geometry: Node) -> None:
     elif found.thin.any():
         message = f"{several(int(found.thin.sum()), 'face', 'faces')} with fewer than three different corners"
         chart.add("S09", geometry, message, "drop those faces")
+
+
+def _cut_out(figure: Figure) -> bool:
+    """Whether the Segments draw the skin: all their points are skin points, whose weights are kept beside them."""
+    skin = {p.tobytes() for p in figure.points.reshape(-1, 3).astype(np.float32) + 0.0}
+    found = False
+    for segment, _ in figure.segments:
+        for node in walk_groups(figure.chart.reading, segment.children("children")):
+            for geometry in node.children("geometry") if node.type == "Shape" else []:
+                coord = surface.coordinate(geometry)
+                points = rows(figure.chart.numbers(coord, "point")) if coord is not None else np.zeros((0, 3))
+                if any(p.tobytes() not in skin for p in points.astype(np.float32) + 0.0):
+                    return False
+                found = found or len(points) > 0
+    return found
 
 
 def _displacers(figure: Figure) -> None:

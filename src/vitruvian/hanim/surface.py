@@ -142,7 +142,10 @@ def _shape(reading: Reading, node: Node, skin_coord: Node | None) -> Shape | Non
     turned = not reading.flag(geometry, "ccw", True)
     shape.triangles = mesh.triangles[:, ::-1] if turned else mesh.triangles
     shape.triangles = np.ascontiguousarray(shape.triangles)
+    if geometry.type in {"IndexedFaceSet", "QuadSet", "IndexedQuadSet"} and (np.diff(mesh.face) == 0).any():
+        shape.faces = mesh.face.astype(np.int32)
     _texture(reading, geometry, mesh, shape, turned)
+    _normals(reading, geometry, mesh, shape, turned)
     _colors(reading, geometry, mesh, shape, len(points))
     return shape
 
@@ -265,6 +268,32 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
         return
     shape.uv = uv
     shape.uv_triangles = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+
+
+def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned: bool) -> None:
+    """Normals per corner. Those of a skin (Humanoid.skinNormal says them) and of faces are left to the faces."""
+    found = geometry.children("normal")
+    if (
+        not found
+        or shape.points is None
+        or not mesh.corners.size
+        or not reading.flag(geometry, "normalPerVertex", True)
+    ):
+        return
+    normals = reading.numbers(found[0], "vector", "MFVec3f", 3)
+    index = reading.indices(geometry, "normalIndex").astype(np.int64)
+    if len(index) == 0:
+        index = mesh.index
+    corners = index[mesh.corners] if len(index) > mesh.corners.max() else np.full((1, 3), -1)
+    if corners.min() < 0 or corners.max() >= len(normals):
+        what = f"{len(normals)} normals do not fit the faces: they are left out"
+        reading.defect("normals", f"{reading.who(geometry)}: {what}", found[0])
+        return
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    shape.normals = np.where(size > 0, normals / np.where(size > 0, size, 1.0), [0.0, 1.0, 0.0])
+    wound = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+    if not np.array_equal(wound, shape.triangles) or len(normals) != len(shape.points):
+        shape.normal_triangles = wound
 
 
 def _colors(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, points: int) -> None:

@@ -59,8 +59,8 @@ def motion_of(
 def _plays(humanoid: Humanoid, motion: MotionData) -> bool:
     """Whether a browser plays it: enabled itself and in the humanoid's `motions_enabled` (4.1 draft)."""
     at = next(k for k, m in enumerate(humanoid.motions) if m is motion)
-    flags = humanoid.motions_enabled
-    return motion.enabled and (at >= len(flags) or flags[at])
+    given = humanoid.motions_enabled
+    return motion.enabled and (at >= len(given) or given[at])
 
 
 def timer_name(humanoid: Humanoid, timer: str) -> str:
@@ -94,16 +94,16 @@ def played_frames(motion: MotionData) -> list[int]:
     return frames if motion.frame_increment > 0 else list(range(high, low - 1, motion.frame_increment))
 
 
-def _enabled(data: MotionData) -> list[list[bool]]:
+def flags(data: MotionData) -> list[list[bool]]:
     """`channels_enabled` as one flag per channel and group: it is given per group or per channel."""
-    flags = list(data.channels_enabled)
-    if len(flags) == len(data.channels) or not flags:
-        whole = flags or [True] * len(data.channels)
+    given = list(data.channels_enabled)
+    if len(given) == len(data.channels) or not given:
+        whole = given or [True] * len(data.channels)
         return [[on] * len(group) for on, group in zip(whole, data.channels)]
-    flags += [True] * sum(len(g) for g in data.channels)
+    given += [True] * sum(len(g) for g in data.channels)
     out, at = [], 0
     for group in data.channels:
-        out.append(flags[at : at + len(group)])
+        out.append(given[at : at + len(group)])
         at += len(group)
     return out
 
@@ -148,7 +148,7 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     values = values[played_frames(data)]
     rotation, shift = _pose(skeleton, len(values))
     column, lost, scaled = 0, [], []
-    for joint, group, on in zip(data.joints, data.channels, _enabled(data)):
+    for joint, group, on in zip(data.joints, data.channels, flags(data)):
         columns = [k for k, yes in enumerate(on, column) if yes]
         channels = [c for c, yes in zip(group, on) if yes]
         column += len(group)
