@@ -168,13 +168,14 @@ def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float6
 
 
 def _integers(literal: Literal, text: str, type: str, path: object) -> object:
-    if any(c in text for c in ".eExX"):  # hexadecimal, or wrong
+    if "." in text or "x" in text or "X" in text or "e" in text or "E" in text:  # hexadecimal, or wrong
         array, highest = _hexadecimal(literal, text, path), 2**32 - 1
     else:
         array, highest = _parsed(literal, text, path, "a whole number"), 2**31 - 1
     image = type[2:] == "Image"  # width, height, components, pixels of up to 4 bytes
-    wide = np.abs(array) > 2**32 if image else (array < -(2**31)) | (array > highest)
-    if wide.any():
+    highest = 2**32 if image else highest
+    if array.size and (array.min() < -(2**31) or array.max() > highest):
+        wide = (array < -(2**31)) | (array > highest)
         raise _malformed(literal, text.split()[int(np.argmax(wide))], path, "a number that fits 32 bits")
     if image:
         return array.astype(np.int64)
