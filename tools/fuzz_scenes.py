@@ -14,7 +14,9 @@ case counts as a hang.
 from __future__ import annotations
 
 import argparse
+import base64
 import gzip
+import json
 import multiprocessing
 import os
 import random
@@ -26,12 +28,13 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 SECONDS = 5.0
 BYTES = 1 << 30
-LARGEST = 130_000  # bytes of a file that is mutated
+LARGEST = 500_000  # bytes of a file that is mutated
 _WORD = re.compile(rb"[\w.+-]+")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _EXTREME = (
@@ -45,13 +48,15 @@ _WORDS = (
     b"ProtoInstance ProtoDeclare fieldValue field IS connect Script MFNode SFFloat MFRotation HIERARCHY ROOT OFFSET "
     b"CHANNELS JOINT End Site MOTION Frames: v vt vn f g o usemtl nodes meshes skins accessors"
 ).split()
-_MARKS = [*b'{}[]<>"\'#&;:,/\\=\0\r\n', 0xFF, 0xC3, 0xE2]
+_MARKS = [*b"{}[]<>\"'#&;:,/\\=\0\r\n", 0xFF, 0xC3, 0xE2]
 _NESTS = {
     ".x3d": (b"<Group>", b"<HAnimJoint name='l_hip'>", b"<HAnimSegment><HAnimSite>", b"<ProtoBody>", b"<![CDATA["),
     ".bvh": (b"JOINT a\n{\n", b"{"),
-    ".json": (b"[", b'{"-children":[', b'{"Group":{"-children":['),
+    ".glb": (b"[", b'{"a":'),
+    ".x3dj": (b"[", b'{"-children":[', b'{"Group":{"-children":['),
     ".gltf": (b"[", b'{"a":'),
 }
+LIKE = {".wrz": ".wrl", ".vrm": ".glb", ".vrma": ".glb"}  # extensions that hold the same as another
 _VRML_NESTS = (b"Group { children [ ", b"Joint { children ", b"PROTO A [ ] { ", b"[", b"{ ", b"A { b ")
 
 
@@ -74,11 +79,9 @@ class Failure:
 
 
 def sources(data: Path | None) -> list[Source]:
-    """Small files for every reader: written by ourselves, and the real ones of up to 130 kB under `data`."""
-    from vitruvian.formats.registry import READERS, SCENES
-
-    known = {*SCENES, *READERS}
-    found = [s for s in own_files(known) if len(s.data) <= LARGEST]
+    """Small files for every reader: written by ourselves, and the real ones of up to 500 kB under `data`."""
+    known = readable()
+    found = list(own_files(known))
     if data is not None:
         for path in sorted(data.rglob("*")):
             if path.suffix.lower() in known and path.is_file():
@@ -87,16 +90,27 @@ def sources(data: Path | None) -> list[Source]:
                     content = content[:20_000]
                 if len(content) <= LARGEST:
                     found.append(Source(path.name, path.suffix.lower(), content))
-    missing = known - {s.extension for s in found} - {".wrz"}
-    if missing:
-        raise SystemExit(f"no file to mutate for {', '.join(sorted(missing))}: teach own_files to write one")
+    for extension in sorted(known - {s.extension for s in found}):
+        like = [s for s in found if s.extension == LIKE.get(extension)]
+        if not like:
+            raise SystemExit(f"no file to mutate for {extension}: teach own_files to write one")
+        found += [Source(f"{s.name} as {extension}", extension, s.data) for s in like]
     return found
+
+
+def readable() -> set[str]:
+    """Extensions that `load` takes."""
+    from vitruvian.formats import registry
+
+    tables = (getattr(registry, name, {}) for name in ("SCENES", "READERS", "FIGURES"))
+    return {extension for table in tables for extension in table}
 
 
 def own_files(known: set[str]) -> Iterator[Source]:
     """A figure of three joints with skin, segment, site, displacer and motion, in everything that we read and write."""
     import trimesh
 
+    from vitruvian.errors import VitruvianError
     from vitruvian.formats.registry import WRITERS, save
     from vitruvian.stage.clip import Mesh
 
@@ -107,8 +121,13 @@ def own_files(known: set[str]) -> Iterator[Source]:
             versions = {".wrl": ("200x", "1.1"), ".x3d": ("2.0", "1.0")}.get(extension, (None,))
             for version in versions:
                 path = Path(folder) / f"own{version or ''}{extension}"
-                save(figure(), path, hanim=version)
-                yield Source(path.name, extension, path.read_bytes())
+                with suppress(VitruvianError):  # a VRM wants more joints
+                    save(figure(), path, hanim=version)
+                    yield Source(path.name, extension, path.read_bytes())
+        if ".gltf" in known:
+            path = Path(folder) / "own.glb"
+            save(figure(), path)
+            yield Source("own.gltf", ".gltf", _as_text(path.read_bytes()))
         for extension in sorted(known & {".ply", ".stl", ".obj"}):
             path = Path(folder) / f"box{extension}"
             if extension == ".obj":
@@ -116,6 +135,20 @@ def own_files(known: set[str]) -> Iterator[Source]:
             else:
                 box.export(path)
             yield Source(path.name, extension, path.read_bytes())
+
+
+def _chunks(glb: bytes) -> tuple[bytes, bytes]:
+    """The JSON of a GLB file, and what follows it."""
+    end = 20 + int.from_bytes(glb[12:16], "little")
+    return glb[20:end], glb[end:]
+
+
+def _as_text(glb: bytes) -> bytes:
+    """A GLB file as glTF with its buffer inside."""
+    text, rest = _chunks(glb)
+    tree = json.loads(text)
+    tree["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(rest[8:]).decode()
+    return json.dumps(tree).encode()
 
 
 def figure():  # noqa: ANN201 (a Humanoid; the package is imported late)
@@ -151,10 +184,17 @@ def mutated(case: int, seed: int, files: list[Source]) -> tuple[str, str, bytes]
     """(name of the source, extension, bytes) of a case."""
     chance = random.Random(f"{seed}:{case}")
     # the larger a file, the rarer: a case costs time with the size
-    source = chance.choices(files, [1 / (2_000 + len(f.data)) for f in files])[0]
+    source = chance.choices(files, [1 / (12_000 + len(f.data)) for f in files])[0]
     extension, data = source.extension, source.data
-    for _ in range(chance.choice((1, 1, 1, 2, 3, 5))):
-        data = chance.choice(MUTATIONS)(data, chance, source, files)
+    text, rest = _chunks(data) if data[:4] == b"glTF" and chance.random() < 0.7 else (data, b"")
+    for _ in range(chance.choice((1, 1, 1, 1, 2, 4))):
+        text = chance.choice(MUTATIONS)(text, chance, source, files)
+    if rest:  # lengths that fit, so that the reader gets to see what is inside
+        text += b" " * (-len(text) % 4)
+        head = (len(text).to_bytes(4, "little"), (20 + len(text) + len(rest)).to_bytes(4, "little"))
+        data = b"glTF" + data[4:8] + head[1] + head[0] + b"JSON" + text + rest
+    else:
+        data = text
     if extension in (".x3d", ".wrl", ".x3dv") and chance.random() < 0.04:
         data = gzip.compress(data, 1, mtime=0)
         extension = ".wrz" if extension == ".wrl" and chance.random() < 0.5 else f"{extension}.gz"
@@ -230,9 +270,29 @@ def _number(data: bytes, chance: random.Random, *_: object) -> bytes:
     return data
 
 
+def _value(data: bytes, chance: random.Random, *_: object) -> bytes:
+    """Numbers become other numbers of the file, or a little more or less: wrong counts, indices and weights."""
+    for _ in range(chance.choice((1, 3, 10))):
+        found, other = _near(_NUMBER, data, chance), _near(_NUMBER, data, chance)
+        if found is None or other is None:
+            break
+        digit = b"%d" % chance.randrange(10)
+        new = chance.choice(
+            (
+                other[0],
+                found[0] + digit,
+                b"-" + found[0].lstrip(b"+-"),
+                digit,
+                b"%d %s" % (chance.randrange(300), found[0]),
+            )
+        )
+        data = data[: found.start()] + new + data[found.end() :]
+    return data
+
+
 def _nest(data: bytes, chance: random.Random, source: Source, *_: object) -> bytes:
     """Openers without end, at a place where a word begins."""
-    opener = chance.choice(_NESTS.get(source.extension, _VRML_NESTS))
+    opener = chance.choice(_NESTS.get(LIKE.get(source.extension, source.extension), _VRML_NESTS))
     word = _near(_WORD, data, chance)
     place = word.start() if word else 0
     if source.extension == ".x3d":
@@ -255,38 +315,32 @@ def _long(data: bytes, chance: random.Random, *_: object) -> bytes:
 
 
 MUTATIONS: list[Mutation] = [
-    *(_flip, _flip, _cut, _drop, _drop, _double, _double, _swap, _swap, _splice, _splice),
-    *(_word, _word, _word, _word, _word, _word, _number, _number, _number, _number, _number),
-    *(_nest, _binary, _long),
+    *(_flip, _cut, _drop, _double, _swap, _splice, _nest, _binary, _long),
+    *(_word, _word, _word, _word, _number, _number, _number, _number, _value, _value, _value, _value),
 ]
 
 
-def endure(path: Path, thorough: bool, repair: bool) -> None:
-    """Everything that our commands do with a file they are given."""
+def endure(path: Path, *, thorough: bool = True, repair: bool = False) -> bool:
+    """Everything that our commands do with a file they are given; whether it could be read."""
     from vitruvian.errors import VitruvianError
     from vitruvian.formats import registry
 
-    if registry.extension(path) not in registry.SCENES:
+    def attempt(act: Callable[[], object]) -> object:
         try:
-            registry.load(path, repair=repair) if registry.extension(path) not in registry.READERS else registry.load(
-                path
-            )
+            return act() or True
         except VitruvianError as error:
-            one_line(error)
-        return
+            assert "\n" not in str(error) and 0 < len(str(error)) < 1000, f"not one line: {str(error)[:200]!r}"
+            return None
+
+    if registry.extension(path) not in registry.SCENES:
+        return bool(attempt(lambda: registry.load(path)))
     for finding in registry.check(path):
         str(finding)
-    try:
-        figures = registry.humanoids(path, repair=repair)
-    except VitruvianError as error:
-        one_line(error)
-        figures = []
+    figures = attempt(lambda: registry.humanoids(path, repair=repair))
     if thorough:
-        for attempt in (lambda: packed(figures), lambda: registry.fix(path, path.with_name("fixed" + path.suffix))):
-            try:
-                attempt()
-            except VitruvianError as error:
-                one_line(error)
+        attempt(lambda: packed(figures if isinstance(figures, list) else []))
+        attempt(lambda: registry.fix(path, path.with_name("fixed" + path.suffix)))
+    return figures is not None
 
 
 def packed(figures: list) -> None:
@@ -297,14 +351,10 @@ def packed(figures: list) -> None:
         motion_of(h, pack(h).skeleton)
 
 
-def one_line(error: Exception) -> None:
-    assert "\n" not in str(error) and 0 < len(str(error)) < 1000, f"not one line: {str(error)[:200]!r}"
-
-
 def fuzz(
     cases: Iterable[int], *, seed: int = 0, data: Path | None = None, workers: int = 2, keep: Path | None = None
-) -> list[Failure]:
-    """Run the cases in worker processes; what failed, in order."""
+) -> tuple[list[Failure], int]:
+    """Run the cases in worker processes: what failed, in order, and how many could still be read."""
     files = sources(data)
     cases = list(cases)
     context = multiprocessing.get_context("fork")
@@ -314,7 +364,7 @@ def fuzz(
         for lane in lanes:
             failures += lane.look()
         time.sleep(0.05)
-    return sorted(failures, key=lambda f: f.case)
+    return sorted(failures, key=lambda f: f.case), sum(lane.read for lane in lanes)
 
 
 class _Lane:
@@ -322,6 +372,7 @@ class _Lane:
 
     def __init__(self, context, cases: list[int], seed: int, files: list[Source], keep: Path | None):  # noqa: ANN001
         self.context, self.todo, self.seed, self.files, self.keep = context, cases, seed, files, keep
+        self.read = 0
         self.start()
 
     def start(self) -> None:
@@ -337,7 +388,8 @@ class _Lane:
         done = 0
         try:
             while self.inbox.poll():
-                case, what = self.inbox.recv()
+                case, read, what = self.inbox.recv()
+                self.read += read
                 done += 1
                 self.since = time.monotonic()
                 if what:
@@ -366,8 +418,8 @@ class _Lane:
 
 
 def _work(outbox, cases: list[int], seed: int, files: list[Source], keep: Path | None) -> None:  # noqa: ANN001
-    """In a process of its own: run cases, send (case, "" or what went wrong) for each."""
-    endure_nothing()
+    """In a process of its own: run cases, send (case, whether it was read, what went wrong or "") for each."""
+    warm_up()
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + BYTES, used + BYTES))
     warnings.simplefilter("ignore")
@@ -378,27 +430,26 @@ def _work(outbox, cases: list[int], seed: int, files: list[Source], keep: Path |
             path.write_bytes(data)
             if keep is not None:
                 (keep / f"case-{case}{extension}").write_bytes(data)
-            before = time.process_time()
+            before, read, what = time.process_time(), False, ""
             try:
-                endure(path, thorough=case % 8 == 0, repair=case % 2 == 0)
-                what = ""
+                read = endure(path, thorough=case % 4 == 0, repair=case % 2 == 0)
             except BaseException:
                 what = "".join(traceback.format_exc(limit=-4))
             taken = time.process_time() - before
             if taken > SECONDS:
                 what += f"took {taken:.1f} s"
-            outbox.send((case, what))
+            outbox.send((case, read, what))
     outbox.close()
 
 
-def endure_nothing() -> None:
+def warm_up() -> None:
     """Import what the readers import, so that it doesn't count as memory of a case."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for source in own_files({".x3d", ".ply", ".bvh"}):
             path = Path(folder) / source.name
             path.write_bytes(source.data)
-            endure(path, thorough=True, repair=True)
+            endure(path)
 
 
 def main() -> int:
@@ -415,10 +466,11 @@ def main() -> int:
     data = given.data if given.data and given.data.is_dir() else None
     cases = range(given.cases) if given.only is None else [given.only]
     start = time.monotonic()
-    failures = fuzz(cases, seed=given.seed, data=data, workers=given.workers, keep=given.keep)
+    failures, read = fuzz(cases, seed=given.seed, data=data, workers=given.workers, keep=given.keep)
     for failure in failures:
         print(f"case {failure.case} of {failure.source}: {failure.what}", file=sys.stderr)
-    print(f"{len(cases)} cases in {time.monotonic() - start:.0f} s, {len(failures)} failed")
+    seconds = time.monotonic() - start
+    print(f"{len(cases)} cases in {seconds:.0f} s: {read} could still be read, {len(failures)} failed")
     return 1 if failures else 0
 
 

@@ -16,6 +16,8 @@ from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.types import Motion
 
+LARGEST = 4_000_000  # frames times joints of a clip that is unrolled: a cycleInterval of years would fill the memory
+
 
 def motion_of(
     humanoid: Humanoid, skeleton: Skeleton, *, fps: float = 30, name: str | None = None, rebase: bool = False
@@ -63,7 +65,10 @@ def _finish(
     )
 
 
-def _pose(skeleton: Skeleton, frames: int) -> tuple[Floats, Floats]:
+def _pose(skeleton: Skeleton, frames: int, title: str) -> tuple[Floats, Floats]:
+    """Every frame in the pose of the file."""
+    most = LARGEST // max(1, len(skeleton.names))
+    require(frames <= most, title, f"at most {most} frames for {len(skeleton.names)} joints", frames)
     rotation = np.repeat(skeleton.rotation[None], frames, axis=0)
     return rotation, np.repeat(skeleton.translation[None], frames, axis=0)
 
@@ -76,7 +81,7 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     require(values.ndim == 2 and values.shape[1] == width, title, f"values of shape (frames, {width})", values.shape)
     require(bool(np.isfinite(values).all()), title, "finite values", "NaN or infinity")
     require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
-    rotation, shift = _pose(skeleton, len(values))
+    rotation, shift = _pose(skeleton, len(values), title)
     column, lost = 0, []
     for joint, channels in zip(data.joints, data.channels):
         columns = range(column, column + len(channels))
@@ -149,8 +154,8 @@ def _from_tracks(tracks: list[Track], skeleton: Skeleton, fps: float) -> Motion:
     loop = all(t.loop for t in tracks)
     closed = loop and all(_closed(t) for t in tracks)
     frames = max(1, int(round(interval * fps))) + (0 if closed else 1)
+    rotation, shift = _pose(skeleton, frames, f"animation {tracks[0].timer} at {fps:g} frames a second")
     fraction = np.clip(np.arange(frames) / max(interval * fps, 1e-9), 0.0, 1.0)
-    rotation, shift = _pose(skeleton, frames)
     weights: dict[str, Floats] = {}
     lost = []
     for track in tracks:
