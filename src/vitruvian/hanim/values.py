@@ -8,6 +8,7 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRM
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -36,6 +37,10 @@ _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
+_FEW = 12  # numbers that are formatted one by one
+_SINGLE = struct.Struct("f")
+_FORMS = ("%.6g", "%.7g", "%.8g", "%.9g")
+_NOT_FINITE = "can't write a number that is not finite as a 32-bit float; look for NaN in the values"
 _TOKEN = re.compile(r"[^ \t-\r]+")
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
@@ -248,10 +253,13 @@ def quote(text: str) -> str:
 
 def shortest(values: NDArray[np.float64]) -> list[str]:
     """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
+    values = np.asarray(values, np.float64).ravel()
+    if values.size <= _FEW:
+        return [_shortest(v) for v in values.tolist()]
     with np.errstate(over="ignore"):
-        single = np.asarray(values, np.float64).ravel().astype(np.float32)
+        single = values.astype(np.float32)
     if not np.isfinite(single).all():
-        raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
+        raise VitruvianError(_NOT_FINITE)
     texts = _formatted(single, 6)
     for digits in (7, 8, 9):
         if not texts:
@@ -262,6 +270,21 @@ def shortest(values: NDArray[np.float64]) -> list[str]:
         for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
             texts[i] = text
     return texts
+
+
+def _shortest(value: float) -> str:
+    """`shortest` of one number, without arrays."""
+    try:
+        (single,) = _SINGLE.unpack(_SINGLE.pack(value))
+    except OverflowError:
+        raise VitruvianError(_NOT_FINITE) from None
+    if single - single != 0:
+        raise VitruvianError(_NOT_FINITE)
+    for form in _FORMS:
+        text = form % single
+        if _SINGLE.unpack(_SINGLE.pack(float(text)))[0] == single:
+            break
+    return _EXPONENT.sub(_short_exponent, text) if "e" in text else text
 
 
 def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:
