@@ -107,20 +107,26 @@ def real_rows(quick: bool = False) -> list[dict]:
 
 
 def converter_rows(quick: bool = False) -> list[dict]:
-    """Castle's converter and ours, two processes."""
+    """Castle's converter and ours, two processes: the processor time that each takes, in turns."""
+    import resource
+
     castle = shutil.which("tovrmlx3d")
     if castle is None:
         return []
 
-    def process(*command: str) -> Callable[[], object]:
-        return lambda: subprocess.run(command, capture_output=True, check=True)
+    def seconds(*command: str) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, capture_output=True, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
 
     with tempfile.TemporaryDirectory() as folder:
         empty = Path(folder) / "empty.x3d"
         empty.write_text("<X3D version='4.0' profile='Full'><Scene/></X3D>")
-        commands = ([sys.executable, "-c", CONVERT], [castle])
-        runs = [process(*c, str(p)) for p in (LARGEST, empty) for c in commands]
-        ours, peer, ours_start, peer_start = medians(runs, 3 if quick else 9)
+        programs = ([sys.executable, "-c", CONVERT], [castle])
+        commands = [[*c, str(p)] for p in (LARGEST, empty) for c in programs]
+        turns = [[seconds(*c) for c in commands] for _ in range(3 if quick else 9)]
+    ours, peer, ours_start, peer_start = (statistics.median(t) for t in zip(*turns))
     return [
         _against(f"convert {LARGEST.name}, start-up taken off", ours - ours_start, "Castle 4.2.0", peer - peer_start),
         _against(f"convert {LARGEST.name}, whole process", ours, "Castle 4.2.0", peer, 0.5),

@@ -261,13 +261,13 @@ def shortest(values: NDArray[np.float64]) -> list[str]:
     if not np.isfinite(single).all():
         raise VitruvianError(_NOT_FINITE)
     texts = _formatted(single, 6)
+    rest, new = np.arange(single.size), texts
     for digits in (7, 8, 9):
-        if not texts:
+        rest = rest[parse_floats(" ".join(new).encode()).astype(np.float32) != single[rest]]
+        if not rest.size:
             break
-        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single)
-        if not wrong.size:
-            break
-        for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
+        new = _formatted(single[rest], digits)
+        for i, text in zip(rest.tolist(), new, strict=True):
             texts[i] = text
     return texts
 
