@@ -82,7 +82,7 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
     )
     if dropped:
         lost.append(f"animation of {dropped} folded joints")
-    return out.settled(), lost
+    return out, lost
 
 
 def _there(name: str, version: str, kind: str) -> str | None:

@@ -189,12 +189,19 @@ class Scene:
 
 def walk_all(nodes: list[Node]) -> Iterator[Node]:
     """Every node in and below `nodes` once, depth first; USEs are not entered."""
-    stack: list[Node | Use] = list(reversed(nodes))
+    stack = list(reversed(nodes))
     seen: set[int] = set()
     while stack:
-        item = stack.pop()
-        if isinstance(item, Use) or id(item) in seen:
+        node = stack.pop()
+        if id(node) in seen:
             continue
-        seen.add(id(item))
-        yield item
-        stack.extend(child for _, child in reversed(list(item.entries())))
+        seen.add(id(node))
+        yield node
+        if node.interface:
+            stack.extend(child for _, child in reversed(list(node.entries())) if isinstance(child, Node))
+            continue
+        for value in reversed(node.fields.values()):
+            if isinstance(value, Node):
+                stack.append(value)
+            elif isinstance(value, list):
+                stack.extend(child for child in reversed(value) if isinstance(child, Node))

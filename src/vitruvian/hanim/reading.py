@@ -132,6 +132,8 @@ class Reading:
 
     def vector(self, node: Node, field: str, default: tuple[float, ...]) -> Floats:
         """A fixed-length field, shape (len(default),); lengths in metres, angles in radians."""
+        if self.raw(node, field) is None:
+            return np.array(default, np.float64)
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
         before = self.repairs
         array = self._numbers(node, field, kind)

@@ -47,6 +47,8 @@ def matrix(translation: Floats, center: Floats, rotation: Floats, scale: Floats,
 
 def _turn(rotation: Floats) -> Floats:
     """(3, 3) of a unit axis and angle."""
+    if rotation[3] == 0:
+        return np.eye(3)
     x, y, z, angle = rotation
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)

@@ -8,9 +8,9 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 19776-5 (JSO
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import json_values
 from vitruvian.hanim.graph import Literal, Node, Use
+from vitruvian.native import parse_floats
 
 _COLUMNS = {
     **{f"Vec{n}{p}": n for n in (2, 3, 4) for p in "fd"},
@@ -37,10 +38,14 @@ _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
+_FEW = 12  # numbers that are formatted one by one
+_SINGLE = struct.Struct("f")
+_FORMS = ("%.6g", "%.7g", "%.8g", "%.9g")
+_NOT_FINITE = "can't write a number that is not finite as a 32-bit float; look for NaN in the values"
+_TOKEN = re.compile(r"[^ \t-\r]+")
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
 _NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
-_CHUNK = 1 << 20
 
 
 def parse(literal: Literal, type: str, path: object = "") -> object:
@@ -110,26 +115,6 @@ def _numbers(literal: Literal, many: bool) -> str:
     return text.replace(",", " ")
 
 
-def _pieces(text: str) -> list[str]:
-    """The text in pieces of about a megabyte, cut at blanks, so that a long list needs little memory on the way."""
-    pieces, start = [], 0
-    while len(text) - start > _CHUNK:
-        end = start + _CHUNK
-        while end < len(text) and not text[end].isspace():
-            end += 1
-        pieces.append(text[start:end])
-        start = end
-    pieces.append(text[start:])
-    return pieces
-
-
-def _check_characters(literal: Literal, text: str, path: object) -> None:
-    """float() and int() take underscores and digits of other scripts; X3D doesn't."""
-    if "_" in text or not text.isascii():
-        bad = next(t for t in re.split(r"[ \t\n\r\f\v]+", text) if "_" in t or not t.isascii())
-        raise _malformed(literal, bad, path, "a number")
-
-
 def _malformed(literal: Literal, token: str, path: object, expected: str) -> FileError:
     return FileError(path, _line(literal, token), f"expected {expected}, found {_short(token)}")
 
@@ -143,19 +128,7 @@ def _line(literal: Literal, token: str) -> int:
 
 
 def _floats(literal: Literal, text: str, type: str, path: object) -> object:
-    _check_characters(literal, text, path)
-    pieces = _pieces(text)
-    try:
-        if len(pieces) == 1:
-            array = np.array([float(t) for t in text.split()], np.float64)
-        else:
-            array = np.fromiter(map(float, chain.from_iterable(p.split() for p in pieces)), np.float64)
-    except ValueError:
-        bad = next(t for t in text.split() if not _is_number(t, float))
-        raise _malformed(literal, bad, path, "a number") from None
-    if not np.isfinite(array).all():
-        token = text.split()[int(np.argmin(np.isfinite(array)))]
-        raise _malformed(literal, token, path, "a finite number")
+    array = _parsed(literal, text, path)
     n = _COLUMNS[type[2:]]
     if type.startswith("SF"):
         if array.size != n:
@@ -164,6 +137,17 @@ def _floats(literal: Literal, text: str, type: str, path: object) -> object:
     if array.size % n:
         raise FileError(path, literal.line, f"{type} is groups of {n} numbers, found {array.size} numbers")
     return array if n == 1 else array.reshape(-1, n)
+
+
+def _parsed(literal: Literal, text: str, path: object, expected: str = "a number") -> NDArray[np.float64]:
+    """All numbers of a text, finite every one."""
+    try:
+        return parse_floats(text.encode("ascii", "replace"))
+    except ValueError as error:
+        place = error.offset  # type: ignore[attr-defined]
+    token = _TOKEN.search(text, place)[0]  # type: ignore[index]
+    plain = token.isascii() and "_" not in token and _is_number(token, float)
+    raise _malformed(literal, token, path, "a finite number" if plain else expected)
 
 
 def _is_number(token: str, kind: Callable[[str], object]) -> bool:
@@ -184,28 +168,34 @@ def _integer(token: str) -> int:
         raise
 
 
+def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float64]:
+    """Whole numbers, some with 0x."""
+    found = []
+    for token in _TOKEN.findall(text):
+        try:
+            if not token.isascii() or "_" in token:
+                raise ValueError
+            number = _integer(token)
+        except ValueError:
+            raise _malformed(literal, token, path, "a whole number") from None
+        found.append(float(min(max(number, -(2**53)), 2**53)))
+    return np.array(found, np.float64)
+
+
 def _integers(literal: Literal, text: str, type: str, path: object) -> object:
-    _check_characters(literal, text, path)
-    pieces = _pieces(text)
-    convert = _integer if "x" in text or "X" in text else int
-    try:
-        if len(pieces) == 1:
-            array = np.array([convert(t) for t in text.split()], np.int64)
-        else:
-            array = np.fromiter(map(convert, chain.from_iterable(p.split() for p in pieces)), np.int64)
-    except ValueError:
-        bad = next(t for t in text.split() if not _is_number(t, _integer))
-        raise _malformed(literal, bad, path, "a whole number") from None
-    except OverflowError:
-        bad = next(t for t in text.split() if abs(_integer(t)) >= 2**63)
-        raise _malformed(literal, bad, path, "a number that fits 32 bits") from None
-    if type[2:] == "Image":  # width, height, components, pixels of up to 4 bytes
-        return array
-    wide = (array < -(2**31)) | (array > (2**32 - 1 if convert is _integer else 2**31 - 1))
-    if wide.any():
+    if "." in text or "x" in text or "X" in text or "e" in text or "E" in text:  # hexadecimal, or wrong
+        array, highest = _hexadecimal(literal, text, path), 2**32 - 1
+    else:
+        array, highest = _parsed(literal, text, path, "a whole number"), 2**31 - 1
+    image = type[2:] == "Image"  # width, height, components, pixels of up to 4 bytes
+    highest = 2**32 if image else highest
+    if array.size and (array.min() < -(2**31) or array.max() > highest):
+        wide = (array < -(2**31)) | (array > highest)
         raise _malformed(literal, text.split()[int(np.argmax(wide))], path, "a number that fits 32 bits")
+    if image:
+        return array.astype(np.int64)
     if type == "MFInt32":
-        return array.astype(np.int32)
+        return array.astype(np.int64).astype(np.int32)
     if array.size != 1:
         raise FileError(path, literal.line, f"{type} is 1 number, found {array.size}")
     return int(array[0])
@@ -280,20 +270,38 @@ def quote(text: str) -> str:
 
 def shortest(values: NDArray[np.float64]) -> list[str]:
     """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
+    values = np.asarray(values, np.float64).ravel()
+    if values.size <= _FEW:
+        return [_shortest(v) for v in values.tolist()]
     with np.errstate(over="ignore"):
-        single = np.asarray(values, np.float64).ravel().astype(np.float32)
+        single = values.astype(np.float32)
     if not np.isfinite(single).all():
-        raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
+        raise VitruvianError(_NOT_FINITE)
     texts = _formatted(single, 6)
+    rest, new = np.arange(single.size), texts
     for digits in (7, 8, 9):
-        if not texts:
+        rest = rest[parse_floats(" ".join(new).encode()).astype(np.float32) != single[rest]]
+        if not rest.size:
             break
-        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single)
-        if not wrong.size:
-            break
-        for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
+        new = _formatted(single[rest], digits)
+        for i, text in zip(rest.tolist(), new, strict=True):
             texts[i] = text
     return texts
+
+
+def _shortest(value: float) -> str:
+    """`shortest` of one number, without arrays."""
+    try:
+        (single,) = _SINGLE.unpack(_SINGLE.pack(value))
+    except OverflowError:
+        raise VitruvianError(_NOT_FINITE) from None
+    if single - single != 0:
+        raise VitruvianError(_NOT_FINITE)
+    for form in _FORMS:
+        text = form % single
+        if _SINGLE.unpack(_SINGLE.pack(float(text)))[0] == single:
+            break
+    return _EXPONENT.sub(_short_exponent, text) if "e" in text else text
 
 
 def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:

@@ -25,6 +25,8 @@ from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.types import Motion
 
+LARGEST = 4_000_000  # frames times joints of a clip that is unrolled: a cycleInterval of years would fill the memory
+
 
 def motion_of(
     humanoid: Humanoid, skeleton: Skeleton, *, fps: float | None = None, name: str | None = None, rebase: bool = False
@@ -132,7 +134,10 @@ def _finish(
     )
 
 
-def _pose(skeleton: Skeleton, frames: int) -> tuple[Floats, Floats]:
+def _pose(skeleton: Skeleton, frames: int, title: str) -> tuple[Floats, Floats]:
+    """Every frame in the pose of the file."""
+    most = LARGEST // max(1, len(skeleton.names))
+    require(frames <= most, title, f"at most {most} frames for {len(skeleton.names)} joints", frames)
     rotation = np.repeat(skeleton.rotation[None], frames, axis=0)
     return rotation, np.repeat(skeleton.translation[None], frames, axis=0)
 
@@ -146,7 +151,7 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     require(bool(np.isfinite(values).all()), title, "finite values", "NaN or infinity")
     require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
     values = values[played_frames(data)]
-    rotation, shift = _pose(skeleton, len(values))
+    rotation, shift = _pose(skeleton, len(values), title)
     column, lost, scaled = 0, [], []
     for joint, group, on in zip(data.joints, data.channels, flags(data)):
         columns = [k for k, yes in enumerate(on, column) if yes]
@@ -248,8 +253,8 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
     rate = fps or even or 30.0
     closed = loop and all(_closed(t) for t in tracks)
     frames = max(1, int(round(interval * rate))) + (0 if closed else 1)
+    rotation, shift = _pose(skeleton, frames, f"animation {tracks[0].timer} at {rate:g} frames a second")
     fraction = np.clip(np.arange(frames) / max(interval * rate, 1e-9), 0.0, 1.0)
-    rotation, shift = _pose(skeleton, frames)
     weights: dict[str, Floats] = {}
     lost = []
     carried: dict[str, Floats] = {}
