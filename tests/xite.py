@@ -12,9 +12,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from playwright.sync_api import Page, Route
 
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-PAGE = """<!doctype html><link rel=icon href="data:,"><script src='x_ite.js'></script>
-<x3d-canvas style='width:60px;height:60px;display:block'></x3d-canvas>"""
+# A page that the browser takes for one in the background draws and ticks once a second.
+FLAGS = [
+    "--no-sandbox",
+    "--disable-background-timer-throttling",
+    "--disable-renderer-backgrounding",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+]
+PAGE = """<!doctype html><body style="margin:0"><link rel=icon href="data:,"><script src='x_ite.js'></script>
+<x3d-canvas style='width:200px;height:200px;display:block'></x3d-canvas>"""
 # Nodes by type, each once; the first humanoid's lists; with a pose the matrices that move its skin, column major.
 LOAD = """async ([text, pose]) => {
   await new Promise(resolve => X3D(resolve))
@@ -84,7 +92,7 @@ def xite(referee: Path, chromium: str) -> Iterator[Browser]:
 
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_page(viewport={"width": 80, "height": 80})
+        page = browser.new_page(viewport={"width": 400, "height": 400})
         said: list[str] = []
         page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
         page.on("pageerror", lambda e: said.append(str(e)))
