@@ -47,7 +47,7 @@ referees: .referee/node_modules/.stamp  ## npm packages that tests compare with
 
 .referee/node_modules/.stamp:
 	mkdir -p .referee
-	cd .referee && npm install --ignore-scripts --no-audit --no-fund --no-save x_ite@15 gltf-validator@2.0.0-dev.3.10 playwright-core@1
+	cd .referee && npm install --ignore-scripts --no-audit --no-fund --no-save x_ite@15 gltf-validator@2.0.0-dev.3.10 playwright-core@1 three@0.187
 	@touch $@
 
 clean:  ## remove everything that was built

@@ -39,3 +39,16 @@ def chromium() -> str:
     if path is None:
         pytest.skip("no Chromium: install Debian's `chromium` (apt-get install chromium)")
     return path
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str):
+    """A headless browser that draws without a graphics processor."""
+    from playwright.sync_api import sync_playwright
+
+    from pages import FLAGS
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()

@@ -23,7 +23,7 @@ class Player:
         self.json: dict[str, Any] = json.loads(data[20 : 20 + size])
         self.bin = data[20 + size + 8 :]
         self.nodes = self.json["nodes"]
-        self.named = {n["name"]: i for i, n in enumerate(self.nodes)}
+        self.named = {n.get("name", ""): i for i, n in enumerate(self.nodes)}
 
     def _view(self, index: int, dtype: type, count: int, width: int) -> np.ndarray:
         view = self.json["bufferViews"][index]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from hypothesis import strategies as st
 
@@ -66,6 +68,14 @@ def literals(syntax: str) -> st.SearchStrategy[Literal]:
     """Source text as files have it, for a field that nobody knows."""
     if syntax == "xml":
         return STRINGS.map(lambda t: Literal(t, "xml"))
+    if syntax == "json":
+        words = st.sampled_from(["0", "-1", "2.5e-07", "true", "null", "1E9", "NaN"])
+        value = st.one_of(words, STRINGS.map(json.dumps), STRINGS.map(lambda t: json.dumps(t, ensure_ascii=False)))
+        lists = st.lists(st.one_of(st.lists(words, max_size=9), st.lists(STRINGS.map(json.dumps), max_size=3)))
+        flat = lists.map(lambda found: [v for vs in found[:1] for v in vs])
+        return st.one_of(value, flat.map(lambda vs: f"[ {', '.join(vs)}\n]" if vs else "[1]")).map(
+            lambda t: Literal(t, "json")
+        )
     number = st.sampled_from(["0", "-1", "+2.5", ".5", "1e-3", "0x1F", "1.", "-.0E+7"])
     string = STRINGS.map(lambda t: '"' + t.replace("\\", "\\\\").replace('"', '\\"') + '"')
     booleans = st.sampled_from(["TRUE", "FALSE"])
@@ -111,7 +121,7 @@ def nodes(draw: st.DrawFn, kind: str, syntax: str, named: dict[str, Node], depth
                 children.append(Comment(draw(COMMENTS)))
             elif what == 1 and able:
                 target = draw(st.sampled_from(able))
-                children.append(Use(target.name, target, type=target.type if syntax == "xml" else ""))
+                children.append(Use(target.name, target, type="" if syntax == "vrml" else target.type))
             else:
                 children.append(draw(nodes(draw(st.sampled_from(kinds)), syntax, named, depth - 1)))
         if children:
@@ -141,7 +151,7 @@ def without_cycles(scene: Scene) -> Scene:
 @st.composite
 def scenes(draw: st.DrawFn, encoding: str) -> Scene:
     """A scene with nodes, USEs, comments, ROUTEs, a prototype with an instance, and fields of unknown type."""
-    syntax = "xml" if encoding == "x3d" else "vrml"
+    syntax = {"x3d": "xml", "x3dj": "json"}.get(encoding, "vrml")
     scene = Scene(encoding=encoding, version="2.0" if encoding == "wrl" else "4.0")
     if encoding != "wrl":
         scene.profile = draw(st.sampled_from(["Immersive", "Full"]))

@@ -54,6 +54,18 @@ CASES: dict[str, tuple[str, bytes]] = {
     "vrml open string": ("a.wrl", b'#VRML V2.0 utf8\nWorldInfo { title "no end\n' + b"x" * 1_000_000),
     "vrml gzip bomb": ("a.wrz", gzip.compress(b" " * 300_000_000, 9)),
     "classic without header": ("a.x3dv", b"HAnimHumanoid { name 1 2 3"),
+    "json empty": ("a.json", b""),
+    "json binary": ("a.x3dj", bytes(range(1, 256)) * 400),
+    "json truncated": ("a.json", b'{"X3D": {"@version": "4.0", "Scene": {"-children": [{"HAnimHumanoid": {"@na'),
+    "json deep": ("a.json", b'{"X3D": ' + b"[" * 1_000_000),
+    "json of another kind": ("a.json", b'{"pattern": {"panels": {}}}'),
+    "json key twice": ("a.x3dj", b'{"X3D": {"Scene": {"-children": [{"HAnimHumanoid": {"@DEF": "a", "@DEF": "b"}}]}}}'),
+    "json nan": (
+        "a.json",
+        b'{"X3D": {"Scene": {"-children": [{"HAnimHumanoid": {"@name": "h", "-skeleton": [{"HAnimJoint": {"@name": '
+        b'"humanoid_root", "@center": [0, NaN, 0]}}]}}]}}}',
+    ),
+    "json gzip bomb": ("a.json.gz", gzip.compress(b" " * 300_000_000, 9)),
     "bvh empty": ("a.bvh", b""),
     "bvh binary": ("a.bvh", bytes(range(256)) * 400),
     "bvh few numbers": ("a.bvh", BVH.format(motion="Frames: 2\nFrame Time: 0.01\n1 2 3\n4 5\n").encode()),

@@ -126,7 +126,7 @@ def test_a_captured_walk_keeps_its_feet_on_the_floor(shared: Path, tmp_path: Pat
     assert facts["foot_slide_mm"] <= 5 and facts["floor_penetration_mm"] <= 5
 
 
-@pytest.mark.parametrize("kind", ["wrl", "x3dv", "glb", "x3d"])
+@pytest.mark.parametrize("kind", ["wrl", "x3dv", "json", "glb", "x3d"])
 def test_convert_real_bodies(shared: Path, tmp_path: Path, kind: str) -> None:
     source = shared / "data" / "hanim" / "JinNoAnimations_Fixed.x3d"
     out = tmp_path / f"jin.{kind}"
@@ -137,6 +137,25 @@ def test_convert_real_bodies(shared: Path, tmp_path: Path, kind: str) -> None:
         (before,) = answer("info", source)["humanoids"]
         (after,) = answer("info", out)["humanoids"]
         assert after["vertices"] == before["vertices"] and after["triangles"] == before["triangles"]
+
+
+def test_every_command_takes_json(shared: Path, tmp_path: Path) -> None:
+    """An X3D JSON file is checked, repaired, converted and posed; other JSON is refused in one line."""
+    source = tmp_path / "joe.json"
+    answer("convert", shared / "data" / "hanim" / "JoeKick.x3d", source)
+    checked = run("check", source, "--json")
+    assert checked.returncode == 1
+    (document,) = json.loads(checked.stdout)
+    lines = source.read_text().splitlines()
+    (pair,) = [f for f in document["findings"] if f["rule"] == "S01"]
+    assert "l_elbow" in pair["message"] and '"HAnimJoint"' in lines[pair["line"] - 1]
+    repaired = run("check", source, "--fix", tmp_path / "mended.json", "--json")
+    (mended,) = json.loads(repaired.stdout)
+    assert not [f for f in mended["findings"] if f["rule"] == "S01"]
+    answer("pose", tmp_path / "mended.json", "--joints", '{"l_knee": [1, 0, 0, 0.8]}', "-o", tmp_path / "posed.x3dj")
+    assert answer("info", tmp_path / "posed.x3dj")["format"] == "x3dj"
+    (tmp_path / "other.json").write_text('{"panels": []}')
+    assert 'expected {"X3D": ...} at the top' in fails("info", tmp_path / "other.json")
 
 
 def test_convert_folds_joints_above_a_level(anna: Path, tmp_path: Path) -> None:

@@ -369,7 +369,7 @@ def test_a_body_without_the_joints_that_are_cut_is_refused_by_name():
 
 
 def test_a_coarser_level_is_a_subset_to_the_bit(sliced):
-    from vitruvian.modeling.levels import coarser
+    from vitruvian.modeling.detail import coarser
 
     small, source = coarser(sliced.body, contours=3, points=2)
     assert len(small.skin.rest) < len(sliced.body.skin.rest)

@@ -13,6 +13,8 @@ from scene_figure import GOOD, MOTION, VRML
 from vitruvian.errors import FileError, VitruvianError
 from vitruvian.formats.vrml import parse_vrml
 from vitruvian.formats.x3d import parse_x3d
+from vitruvian.formats.x3d_json import parse_json
+from vitruvian.formats.x3d_json_writer import print_json
 from vitruvian.hanim import triangulate
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.doctor import check
@@ -21,6 +23,8 @@ from vitruvian.hanim.graph import Scene
 from vitruvian.hanim.view import humanoids
 
 TEXTS = {"x3d": GOOD.replace("</HAnimHumanoid>", MOTION), "wrl": VRML}
+TEXTS["x3dj"] = print_json(parse_x3d(TEXTS["x3d"].encode()))[0]
+PARSERS = {"x3d": parse_x3d, "wrl": parse_vrml, "x3dj": parse_json}
 WORD = re.compile(r"[\w.-]+")
 RUBBISH = [
     *("nan", "-1", "1e400", '""', "USE", "99999999", "NULL", "TRUE", "0", "[", "]", "Joint", "HAnimJoint", "skeleton"),
@@ -42,13 +46,13 @@ def changed(text: str, changes: list) -> str:
 
 def read(kind: str, text: str) -> Scene | None:
     try:
-        return (parse_x3d if kind == "x3d" else parse_vrml)(text.encode(), f"f.{kind}")
+        return PARSERS[kind](text.encode(), f"f.{kind}")
     except FileError:
         return None
 
 
 @settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck))
-@given(kind=st.sampled_from(["x3d", "wrl"]), changes=CHANGES)
+@given(kind=st.sampled_from(sorted(TEXTS)), changes=CHANGES)
 def test_broken_files(kind: str, changes: list) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -22,6 +22,8 @@ from vitruvian.formats.source import Limits
 from vitruvian.formats.vrml import parse_vrml, read_vrml
 from vitruvian.formats.vrml_writer import print_vrml
 from vitruvian.formats.x3d import parse_x3d, read_x3d
+from vitruvian.formats.x3d_json import parse_json, read_json
+from vitruvian.formats.x3d_json_writer import print_json
 from vitruvian.formats.x3d_writer import print_x3d
 from vitruvian.hanim.compare import difference
 from vitruvian.hanim.fields import type_of
@@ -30,6 +32,7 @@ from vitruvian.hanim.values import parse
 
 OPEN, CLOSE = b"<X3D version='4.0' profile='Full'><Scene>\n", b"</Scene></X3D>"
 VRML = b"#VRML V2.0 utf8\n"
+JSON, END = b'{"X3D": {"@version": "4.0", "@profile": "Full", "Scene": {"-children": [\n', b"]}}}"
 MILLION = 1_000_000
 
 XML_SEED = b"""<?xml version="1.0" encoding="UTF-8"?><!DOCTYPE X3D PUBLIC "a" "b">
@@ -64,6 +67,22 @@ Transform { translation 1 2 3 children [ Shape { geometry NULL } ROUTE a.b TO c.
 """
 
 
+JSON_SEED = rb"""{"X3D": {"encoding": "UTF-8", "@profile": "Full", "@version": "4.0", "head": {
+"meta": [{"@name": "a", "@content": "b"}], "unit": [{"@category": "length", "@name": "m", "@conversionFactor": 1}]},
+"Scene": {"-children": [ {"#comment": "c"},
+{"ProtoDeclare": {"@name": "P", "ProtoInterface": {"field": [
+{"@accessType": "inputOutput", "@type": "SFFloat", "@name": "f", "@value": 1}]},
+"ProtoBody": {"-children": [{"Group": {"IS": {"connect": [{"@nodeField": "a", "@protoField": "f"}]}}}]}}},
+{"ProtoInstance": {"@name": "P", "@DEF": "p", "fieldValue": [{"@name": "f", "@value": 2.5e-1}]}},
+{"HAnimHumanoid": {"-joints": [{"HAnimJoint": {"@USE": "r"}}], "@DEF": "h", "-skeleton": [
+{"HAnimJoint": {"@DEF": "r", "@name": "humanoid\u005froot", "@skinCoordIndex": [0, 1], "@skinCoordWeight": [1, 0.5],
+"-children": [{"#comment": "d"}, {"HAnimJoint": {"@name": "l_hip", "@center": [0, 1e-2, 3]}}]}}],
+"-skinCoord": {"Coordinate": {"@point": [0, 0, 0,
+1, 1, 1]}}, "@info": ["a=\"b\"", "c"]}},
+{"Script": {"field": [{"@accessType": "inputOnly", "@type": "SFBool", "@name": "b"}], "#sourceText": ["javascript:", "x"]}},
+{"ROUTE": {"@fromNode": "p", "@fromField": "f", "@toNode": "r", "@toField": "center"}} ]}}}"""
+
+
 def everything(scene: Scene) -> None:
     """Use the graph as its readers do: walk, type every value, write it in all encodings."""
     protos = scene.protos()
@@ -78,6 +97,7 @@ def everything(scene: Scene) -> None:
     print_x3d(scene)
     print_vrml(scene, "x3dv")
     print_vrml(scene, "wrl")
+    print_json(scene)
 
 
 def survives(parser: Callable, data: bytes) -> bool:
@@ -92,7 +112,8 @@ def survives(parser: Callable, data: bytes) -> bool:
             assert str(error).startswith("t")
             return False
         everything(scene)
-        text, lost = print_x3d(scene) if parser is parse_x3d else print_vrml(scene)
+        printer = {parse_x3d: print_x3d, parse_json: print_json}.get(parser, print_vrml)
+        text, lost = printer(scene)
         if not lost:
             assert difference(scene, parser(text.encode(), "t")) == ""
     assert time.process_time() - start < 3
@@ -106,6 +127,13 @@ BOMB = (
 )
 NESTED_PROTO = b"".join(b"PROTO P%d [ ] { " % i for i in range(40))
 DOUBLING = b"".join(b"DEF n%d Group { children [ USE n%d USE n%d ] }\n" % (i, i - 1, i - 1) for i in range(1, 60))
+
+USE = b'{"Group": {"@USE": "n%d"}}'
+DOUBLING_JSON = [b'{"Group": {"@DEF": "n0"}}'] + [
+    b'{"Group": {"@DEF": "n%d", "-children": [{"Group": {"@USE": "n%d"}}, {"Group": {"@USE": "n%d"}}]}}'
+    % (i, i - 1, i - 1)
+    for i in range(1, 60)
+]
 
 CASES: dict[str, tuple[Callable, bytes, int, str]] = {
     "entity bomb": (parse_x3d, BOMB, 1, "declares the entity a"),
@@ -160,6 +188,76 @@ CASES: dict[str, tuple[Callable, bytes, int, str]] = {
     "binary as vrml": (parse_vrml, VRML + random.Random(0).randbytes(100_000), 4, "NUL byte"),
     "an endless string": (parse_vrml, VRML + b'A { b "' + b'\\"' * MILLION, 2, "a string is not closed"),
     "an endless list": (parse_vrml, VRML + b"A { b [ " + b"1 #x\n" * MILLION, 1_000_002, "found the end of the file"),
+    "deep json": (parse_json, b'{"a":\n' * 100_000, 2065, "nested deeper than 2064"),
+    "deep json lists": (parse_json, JSON + b"[" * MILLION, 2, "nested deeper than 2064"),
+    "deep json nodes": (
+        parse_json,
+        JSON + b'{"Group": {"-children": [\n' * 520 + b"]}}" * 520 + END,
+        514,
+        "nested deeper than 512",
+    ),
+    "a million json nodes": (
+        parse_json,
+        JSON + b'{"Group": {}},\n' * MILLION + END,
+        350_000,
+        "more than 700000 objects",
+    ),
+    "many json nodes": (
+        parse_json,
+        JSON + b'{"Group": {}},\n' * 150_000 + b"{}" + END,
+        100_002,
+        "more than 100000 nodes",
+    ),
+    "many json values": (
+        parse_json,
+        b"[" + b'{"a": 1, "b": 2, "c": 3},\n' * 400_000,
+        200_000,
+        "more than 800000 values",
+    ),
+    "a json key twice": (
+        parse_json,
+        JSON + b'{"Group": {"@DEF": "a",\n"@DEF": "b"}}' + END,
+        3,
+        '"@DEF" is given twice',
+    ),
+    "an open json string": (parse_json, JSON + b'{"#comment": "' + b'\\"' * MILLION, 2, "a string is not closed"),
+    "a json list without end": (
+        parse_json,
+        JSON + b'{"Group": {"@x": [' + b"1,\n" * MILLION,
+        1_000_002,
+        "the file ends inside the list of line 2",
+    ),
+    "words in json": (parse_json, JSON + b'{"Group": {"@x": [0,\n zero]}}' + END, 3, "found 'zero'"),
+    "another top in json": (parse_json, b'{"pattern": {}}', 1, 'expected {"X3D": {...}} at the top, found the key'),
+    "binary as json": (parse_json, random.Random(0).randbytes(100_000), 3, "NUL byte"),
+    "xml as json": (parse_json, XML_SEED, 1, "is not JSON but XML; name it .x3d"),
+    "a json prototype in itself": (
+        parse_json,
+        JSON
+        + b'{"ProtoDeclare": {"@name": "P", "ProtoBody": {"-children": [\n{"ProtoInstance": {"@name": "P"}}]}}}'
+        + END,
+        3,
+        "prototype P contains itself",
+    ),
+    "json uses that double": (
+        parse_json,
+        JSON + b",\n".join(DOUBLING_JSON) + END,
+        23,
+        "USEs expand to more than 4000000",
+    ),
+    "json uses that triple before their DEF": (
+        parse_json,
+        JSON
+        + b"".join(
+            b'{"Group": {"@DEF": "n%d", "-a": [%s, %s], "-z": [\n' % (i, USE % (i + 1), USE % (i + 1))
+            for i in range(40)
+        )
+        + b'{"Group": {"@DEF": "n40"}}'
+        + b"]}}" * 40
+        + END,
+        28,
+        "USEs expand to more than 4000000",
+    ),
     "an endless name": (parse_vrml, VRML + b"x" * MILLION, 2, "expected { after"),
 }
 
@@ -204,7 +302,7 @@ def test_gzip_is_bounded(tmp_path: Path) -> None:
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
-    for read in (read_x3d, read_vrml):
+    for read in (read_x3d, read_vrml, read_json):
         with pytest.raises(FileError, match="no such file"):
             read(tmp_path / "missing.x3d")
         with pytest.raises(FileError, match="is not a file"):
@@ -234,6 +332,7 @@ def test_deep_but_allowed_graphs_need_no_recursion() -> None:
     for parser, data in (
         (parse_x3d, OPEN + b"<Group>" * 500 + b"</Group>" * 500 + CLOSE),
         (parse_vrml, VRML + b"Group { children [ " * 500 + b"] }" * 500),
+        (parse_json, JSON + b'{"Group": {"-children": [' * 500 + b"]}}" * 500 + END),
     ):
         limit = sys.getrecursionlimit()
         sys.setrecursionlimit(150 + len(__import__("inspect").stack()))
@@ -245,15 +344,15 @@ def test_deep_but_allowed_graphs_need_no_recursion() -> None:
             sys.setrecursionlimit(limit)
 
 
-SEEDS = [(parse_x3d, XML_SEED), (parse_vrml, VRML_SEED), (parse_vrml, CLASSIC_SEED)]
+SEEDS = [(parse_x3d, XML_SEED), (parse_vrml, VRML_SEED), (parse_vrml, CLASSIC_SEED), (parse_json, JSON_SEED)]
 
 
-@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic"])
+@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic", "json"])
 def test_the_seeds_are_good(parser: Callable, seed: bytes) -> None:
     assert survives(parser, seed)
 
 
-@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic"])
+@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic", "json"])
 def test_every_truncation(parser: Callable, seed: bytes) -> None:
     read = [survives(parser, seed[:end]) for end in range(0, len(seed), 3)]
     assert not all(read)
@@ -289,10 +388,18 @@ TOKENS += [
     b"]]>",
     b"<!--",
     b"NULL",
+    b"NaN",
+    b"null",
+    b'"-children": ',
+    b'{"Group": {"@USE": "h"}}',
+    b'"@DEF": "r",',
+    b"\\ud800",
+    b",",
+    b":",
 ]
 
 
-@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic"])
+@pytest.mark.parametrize(("parser", "seed"), SEEDS, ids=["xml", "vrml97", "classic", "json"])
 def test_random_mutations(parser: Callable, seed: bytes) -> None:
     """Cut, doubled, swapped and foreign pieces: a graph or a FileError, nothing else, soon."""
     edit = st.tuples(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +49,8 @@ RUN = """async ([source, pose, names]) => {
   let frames = 0, angle = 0;
   while (performance.now() - began < 2000) {
     angle = 0.5 + 0.4 * Math.sin(frames / 5);
-    for (const joint of ['l_knee', 'r_knee', 'l_elbow', 'vt6']) script[`hanim_${joint}Def`] = new X3D.SFRotation(1, 0, 0, angle);
+    for (const joint of ['l_knee', 'r_knee', 'l_elbow', 'vt6'])
+      script[`hanim_${joint}Def`] = new X3D.SFRotation(1, 0, 0, angle);
     await browser.nextFrame();
     frames += 1;
   }
@@ -146,3 +148,27 @@ def test_a_body_without_contours_is_refused():
     scene, _ = scene_of([person], version="2.0", encoding="x3d")
     with pytest.raises(VitruvianError, match="live: expected a body with contours"):
         add_script(scene, person, vt.pack(person))
+
+
+def test_the_command_writes_contours_with_and_without_a_script(tmp_path):
+    import subprocess
+    import sys
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "vitruvian", "contours", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+    done = run("person", "-o", str(tmp_path / "c.x3dv"), "--density", "0.5", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["surfaces"] == 11 and told["points"] > 500 and told["shape_error_mm"] < 5
+    back = vt.pack(vt.load(tmp_path / "c.x3dv"))
+    assert len(back.contours) == 11 and sum(s.vertices.size for s in back.contours) == told["points"]
+    done = run("person", "-o", str(tmp_path / "c.x3d"), "--live", "--density", "0.5")
+    assert done.returncode == 0 and b"eventsProcessed" in (tmp_path / "c.x3d").read_bytes()
+    for arguments, word in (
+        (("person", "-o", str(tmp_path / "c.glb"), "--live"), "--live: expected a scene"),
+        (("nobody.x3d", "-o", str(tmp_path / "d.x3d")), "no such file"),
+    ):
+        done = run(*arguments)
+        assert done.returncode == 2 and word in done.stderr and done.stderr.count("\n") == 1, done.stderr

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
+import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,16 +13,17 @@ import pytest
 from scene_figure import typed
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
-from vitruvian.formats.vrml import read_vrml, write_vrml
-from vitruvian.formats.x3d import read_x3d, write_x3d
+from vitruvian.formats import registry
+from vitruvian.hanim import tables
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import Humanoid, MotionData
-from vitruvian.hanim.view import humanoids
+from vitruvian.hanim.welding import weld
+from vitruvian.modeling.levels import at_level
 from vitruvian.modeling.person import person
+from written import KINDS, counts, people
+from xite import Browser, complaints, xite
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Route
-
+ROUTES = re.compile(r"<ROUTE\b[^>]*/>|^\s*ROUTE\s+\S+\s+TO\s+\S+", re.MULTILINE)
 POSE = {
     "l_shoulder": [0, 0, 1, 1.5707963],
     "l_elbow": [1, 0, 0, -1],
@@ -51,13 +50,13 @@ KNOWN = {  # file, joint: its centre after the pose
 def load(path: Path) -> Humanoid:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return humanoids((read_x3d if path.suffix == ".x3d" else read_vrml)(path))[0]
+        return registry.humanoids(path)[0]
 
 
 def write(h: Humanoid, folder: Path, name: str, encoding: str, version: str) -> Path:
     scene, _ = scene_of([h], version=version, encoding=encoding)
     path = folder / f"{name}_{version}.{encoding}"
-    (write_x3d if encoding == "x3d" else write_vrml)(scene, path)
+    registry.write_scene(scene, path)
     return path
 
 
@@ -88,55 +87,90 @@ def test_known_answer_of_the_skin(shared: Path) -> None:
     np.testing.assert_allclose(moved, (0.843202, 1.331000, 0.165058), atol=1e-6)
 
 
-def test_xite_agrees(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
-    files = {}
-    for name, (encoding, version) in SKINNED.items():
-        files[write(load(shared / "data" / "hanim" / name), tmp_path, Path(name).stem, encoding, version)] = True
-    files[shared / "data" / "hanim" / "Humanoid1NoSegSite.x3d"] = False
-    files[write(typed(4), tmp_path, "ada", "x3d", "2.0")] = True
-    agree(shared, referee, chromium, files)
+@pytest.fixture(scope="module")
+def browser(referee: Path, chromium: str) -> Iterator[Browser]:
+    pytest.importorskip("playwright.sync_api")
+    with xite(referee, chromium) as found:
+        yield found
 
 
-def test_xite_agrees_on_the_built_in_person(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
-    agree(shared, referee, chromium, {write(person(), tmp_path, "person", "x3d", "2.0"): True})
+def agree(browser: Browser, path: Path, *, silent: bool = True, least: int = 1) -> dict[str, np.ndarray]:
+    """X_ITE finds our nodes, our joint matrices within 1e-6 and, `silent`, nothing to say. Answers the matrices.
 
-
-def agree(shared: Path, referee: Path, chromium: str, files: dict[Path, bool]) -> None:
-    """Every joint matrix within 1e-6; files marked True load without a message."""
-    script = shared / "hanim" / "referee" / "xite_load.mjs"
-    found = run(script, referee, chromium, list(files), "--pose", json.dumps(POSE))
-    for path, result in zip(files, found, strict=True):
-        assert not files[path] or complaints(result) == [], path.name
+    Skinned figures have matrices; `least` is how many there must be. ROUTEs are left out: the pose alone counts.
+    """
+    text = path.read_text("utf-8-sig")
+    result = browser.load(ROUTES.sub("", text), POSE)
+    assert not silent or complaints(result) == [], path.name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        nodes = counts(registry.scene(path))
+    assert result["nodes"] == nodes, path.name
+    theirs = {n: np.array(m).reshape(4, 4).T for n, m in result.get("matrices", {}).items()}
+    assert len(theirs) >= least, path.name
+    if theirs:
         ours = matrices(load(path))
-        assert len(result["matrices"]) == len(ours), path.name
-        for joint, theirs in result["matrices"].items():
-            difference = np.abs(ours[joint] - np.array(theirs).reshape(4, 4).T).max()
-            assert difference < 1e-6, (path.name, joint)
+        assert len(theirs) == len(ours), path.name
+        for joint, matrix in theirs.items():
+            assert np.abs(ours[joint] - matrix).max() < 1e-6, (path.name, joint)
+    return theirs
 
 
-def test_xite_loads_every_version(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
-    files = [write(typed(1), tmp_path, "ada", e, v) for e, v in (("wrl", "200x"), ("wrl", "1.1"), ("x3dv", "2.0"))]
-    script = shared / "hanim" / "referee" / "xite_load.mjs"
-    for path, result in zip(files, run(script, referee, chromium, files), strict=True):
-        assert complaints(result) == [], path.name
-        assert result["nodes"]["IndexedFaceSet"] >= 2
+def test_xite_agrees(shared: Path, browser: Browser, tmp_path: Path) -> None:
+    for name, (encoding, version) in SKINNED.items():
+        agree(browser, write(load(shared / "data" / "hanim" / name), tmp_path, Path(name).stem, encoding, version))
+    agree(browser, shared / "data" / "hanim" / "Humanoid1NoSegSite.x3d", silent=False)
+    agree(browser, write(typed(4), tmp_path, "ada", "x3d", "2.0"), least=146)
 
 
-def run(script: Path, referee: Path, chromium: str, files: list[Path], *options: str) -> list[dict]:
-    command = ["node", str(script), str(referee), *map(str, files), *options]
-    environment = {**os.environ, "CHROMIUM": chromium}
-    out = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment)
-    assert out.returncode == 0, out.stdout + out.stderr
-    return [json.loads(line) for line in out.stdout.splitlines()]
+def test_xite_agrees_on_the_built_in_person(browser: Browser, tmp_path: Path) -> None:
+    agree(browser, write(person(), tmp_path, "person", "x3d", "2.0"), least=100)
+    agree(browser, write(people()["person1-walks"][0], tmp_path, "walker", "x3dv", "2.0"), least=18)
 
 
-def complaints(result: dict) -> list[str]:
-    """Messages of the browser, those about pictures and addresses that are not at hand subtracted."""
-    return [m for m in result["messages"] if "Error loading image" not in m and "Failed to load resource" not in m]
+def test_real_figures_in_every_version(shared: Path, browser: Browser, tmp_path: Path) -> None:
+    """One with a skin in all versions and encodings, others in one of each; prototypes and 1.1 have no matrices."""
+    for name in ("JoeKick.x3d", "NancyPrototypes.wrl", "JinLOA1.x3d"):
+        for encoding, version in KINDS if name == "JoeKick.x3d" else KINDS[2::2]:
+            skinned = name == "JoeKick.x3d" and encoding != "wrl"
+            path = write(load(shared / "data" / "hanim" / name), tmp_path, Path(name).stem, encoding, version)
+            agree(browser, path, least=94 if skinned else 0)
+
+
+@pytest.mark.parametrize("first", KINDS, ids="-".join)
+def test_every_conversion(browser: Browser, tmp_path: Path, first: tuple[str, str]) -> None:
+    """From each version and encoding to each that X_ITE moves: nodes, silence, and the matrices of the first figure."""
+    expected = matrices(typed(1))
+    there = load(write(typed(1), tmp_path, "first", *first))
+    for second in KINDS[:4]:
+        least = len(expected) if first[1] != "1.1" else 0  # its skin went to segments
+        found = agree(browser, write(there, tmp_path, "second", *second), least=least)
+        for joint, matrix in found.items():
+            assert np.abs(expected[tables.canonical(joint)] - matrix).max() < 1e-6, (first, second, joint)
+
+
+def test_levels_and_skins(shared: Path, browser: Browser, tmp_path: Path) -> None:
+    """Between levels, and through segments and back: joints that were there before move there as they did."""
+    joe, jin = (load(shared / "data" / "hanim" / n) for n in ("JoeHAnimKick1a.x3dv", "JinNoAnimations_Fixed.x3d"))
+    for h in (joe, jin):
+        h.tracks, h.motions = [], []
+    cases = {
+        "1.1": (typed(4), weld(load(write(typed(4), tmp_path, "down", "wrl", "1.1"))), "1.0"),
+        "200x": (joe, load(write(joe, tmp_path, "over", "wrl", "200x")), "2.0"),
+        "up": (typed(1), at_level(typed(1), 4)[0], "2.0"),
+        "low": (jin, at_level(jin, 2)[0], "2.0"),
+    }
+    for name, (before, h, version) in cases.items():
+        found = agree(browser, write(h, tmp_path, name, "x3d", version))
+        expected = {tables.canonical(n): m for n, m in matrices(before).items()}
+        theirs = {tables.canonical(n): m for n, m in found.items()}
+        both = [n for n in theirs if n in expected]
+        assert len(both) == min(len(theirs), len(expected))
+        for joint in both:
+            assert np.abs(theirs[joint] - expected[joint]).max() < 1e-6, (name, joint)
 
 
 PLAY = """async ([text, joint]) => {
-  await new Promise(resolve => X3D(resolve))
   const browser = document.querySelector('x3d-canvas').browser
   const scene = await browser.createX3DFromString(text)
   await browser.replaceWorld(scene)
@@ -149,35 +183,24 @@ PLAY = """async ([text, joint]) => {
 }"""
 
 
-def test_what_we_write_moves_in_xite(referee: Path, chromium: str, tmp_path: Path) -> None:
-    sync = pytest.importorskip("playwright.sync_api").sync_playwright
+def test_what_we_write_moves_in_xite(browser: Browser, tmp_path: Path) -> None:
     tracks, motion = typed(1), typed(1)
     values = np.array([[0.0], [90.0], [0.0]])
     motion.tracks = []
     motion.motions = [MotionData("wave", ["l_shoulder"], [("Zrotation",)], values, 0.5, True, True)]
     files = [write(h, tmp_path, n, "x3d", "2.0") for h, n in ((tracks, "tracks"), (motion, "motion"))]
-    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-    with sync() as p:
-        browser = p.chromium.launch(executable_path=chromium, args=flags)
-        for path in files:
-            page = browser.new_page(viewport={"width": 120, "height": 120})
-            page.route("**/*", lambda route: answer(route, referee))
-            page.goto("http://xite.test/page.html")
-            angles = page.evaluate(PLAY, [path.read_text(), "hanim_l_shoulder"])
-            assert len(set(angles)) >= 4, (path.name, angles)
-            assert max(map(abs, angles)) > 0.05, (path.name, angles)
-            page.close()
-        browser.close()
+    for path in files:
+        angles = browser.page.evaluate(PLAY, [path.read_text(), "hanim_l_shoulder"])
+        assert len(set(angles)) >= 4, (path.name, angles)
+        assert max(map(abs, angles)) > 0.05, (path.name, angles)
 
 
-def answer(route: Route, referee: Path) -> None:
-    """A page with an X_ITE canvas, and the files of X_ITE; nothing leaves the machine."""
-    address = route.request.url.removeprefix("http://xite.test/")
-    page = "<script src='x_ite.js'></script><x3d-canvas style='width:100px;height:100px'></x3d-canvas>"
-    path = referee / "node_modules" / "x_ite" / "dist" / address
-    if address == "page.html":
-        route.fulfill(body=page, content_type="text/html")
-    elif path.is_file():
-        route.fulfill(path=path)
-    else:
-        route.abort()
+def test_the_referee_sees_mistakes(browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(typed(1), tmp_path, "good", "x3d", "2.0")
+    assert len(agree(browser, path)) == 18
+    monkeypatch.setitem(POSE, "l_knee", [1, 0, 0, 0.8 + 1e-5])
+    result = browser.load(ROUTES.sub("", path.read_text()), POSE)
+    monkeypatch.undo()
+    theirs = np.array(result["matrices"]["l_knee"]).reshape(4, 4).T
+    assert np.abs(matrices(load(path))["l_knee"] - theirs).max() > 1e-6
+    assert complaints(browser.load(path.read_text().replace("<WorldInfo ", "<WorldInfos ")))

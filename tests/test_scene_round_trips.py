@@ -1,35 +1,44 @@
-"""Reading what was written gives what was written: random graphs, all pairs of encodings."""
+"""Reading what was written gives what was written: random graphs and real files, all pairs of encodings."""
 
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from conftest import SHARED
 from scene_graphs import comments, scenes
+from vitruvian.formats.convert import convert
+from vitruvian.formats.registry import scene as load
 from vitruvian.formats.vrml import parse_vrml
 from vitruvian.formats.vrml_writer import print_vrml
 from vitruvian.formats.x3d import parse_x3d
+from vitruvian.formats.x3d_json import parse_json
+from vitruvian.formats.x3d_json_writer import print_json
 from vitruvian.formats.x3d_writer import print_x3d
 from vitruvian.hanim.compare import difference
 from vitruvian.hanim.graph import Scene
 
-ENCODINGS = ("x3d", "x3dv", "wrl")
+ENCODINGS = ("x3d", "x3dv", "wrl", "x3dj")
 # What a foreign encoding may say about these graphs: VRML97 has no H-Anim nodes and no units; XML needs a USE's type.
 EXPECTED = ("is no node of VRML97", "VRML97 has no units", "stands for nothing")
 
 
 def write(scene: Scene, encoding: str) -> tuple[bytes, list[str]]:
-    text, lost = print_x3d(scene) if encoding == "x3d" else print_vrml(scene, encoding)
+    if encoding == "x3dj":
+        text, lost = print_json(scene)
+    else:
+        text, lost = print_x3d(scene) if encoding == "x3d" else print_vrml(scene, encoding)
     return text.encode(), lost
 
 
 def read(data: bytes, encoding: str) -> Scene:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return (parse_x3d if encoding == "x3d" else parse_vrml)(data, "t")
+        return {"x3d": parse_x3d, "x3dj": parse_json}.get(encoding, parse_vrml)(data, "t")
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -64,6 +73,35 @@ def test_there_and_back_again(encoding: str) -> None:
         assert difference(scene, back, typed=True) == ""
 
     returns()
+
+
+# Each encoding into each other one, in one walk.
+WALK = ("x3d", "x3dv", "x3d", "wrl", "x3d", "x3dj", "x3dv", "wrl", "x3dv", "x3dj", "wrl", "x3dj", "x3d")
+REAL = sorted(p.name for p in (SHARED / "data" / "hanim").glob("*.[xw]*")) or ["(none)"]
+
+
+def test_the_walk_goes_everywhere() -> None:
+    assert set(zip(WALK, WALK[1:], strict=False)) == {(a, b) for a in ENCODINGS for b in ENCODINGS if a != b}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_files_through_all_encodings(shared: Path, name: str) -> None:
+    """The graph is the same after every pair of encodings, and what is written twice is written the same."""
+    path = shared / "data" / "hanim" / name
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = original = load(path)
+        for number, encoding in enumerate(WALK):
+            scene, lost = convert(scene, encoding)
+            assert [what for what in lost if not any(e in what for e in EXPECTED)] == []
+            if path.stat().st_size < 80_000 or number + 1 == len(WALK):
+                assert difference(original, scene, typed=True) == "", WALK[: number + 1]
+        for encoding in ENCODINGS:
+            data, _ = write(scene, encoding)
+            once = read(data, encoding)
+            again, _ = write(once, encoding)
+            assert again == data
+            assert difference(once, read(again, encoding)) == ""
 
 
 def test_the_comparison_sees_changes() -> None:

@@ -233,6 +233,11 @@ def test_transport_does_what_it_says(window):
         assert not np.array_equal(until(lambda h: h["change"] == seen + 1)[1]["capsules", "vertices"], before)
         ask(type="clear_pose", actor="capsules")
         np.testing.assert_array_equal(until(lambda h: h["change"] == seen + 2)[1]["capsules", "vertices"], before)
+        seen += 2
+        ask(type="set_displacer", actor="capsules", name="grow_action", weight=3)
+        assert not np.array_equal(until(lambda h: h["change"] == seen + 1)[1]["capsules", "vertices"], before)
+        ask(type="clear_displacer", actor="capsules", name="grow_action")
+        np.testing.assert_array_equal(until(lambda h: h["change"] == seen + 2)[1]["capsules", "vertices"], before)
         ask(type="deformer", actor="capsules", name="log")
         ask(type="speed", value=2)
         ask(type="play")
@@ -241,6 +246,14 @@ def test_transport_does_what_it_says(window):
         until(lambda h: h["round"] * 36 + h["frame"] > start + 40)  # over the end of the loop, 60 frames a second
         assert 0.4 < time.monotonic() - began < 4
         ask(type="speed", value=1)
+
+
+@pytest.mark.parametrize("name", ["l_elbow", "", "grow_action ", "__proto__", "x" * 200])
+def test_displacers_that_do_not_exist_are_not_cleared(name):
+    showing = Showing(actors_of([capsule_clip(vertices=300)]))
+    with pytest.raises(VitruvianError, match="has no"):
+        showing.apply({"type": "clear_displacer", "actor": "capsules", "name": name})
+    assert showing.change == 0
 
 
 def test_a_slow_page_never_has_more_than_three_frames_in_flight(window):

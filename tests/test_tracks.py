@@ -137,3 +137,23 @@ def test_the_real_sample(shared):
     assert len(motion) in (391, 392) and motion.fps == pytest.approx(10)
     turned = np.abs(motion.rotation[..., 3]).min(axis=0) < 0.9999
     assert turned.sum() >= 12
+
+
+def test_a_joint_that_the_file_poses_can_come_back_to_rest() -> None:
+    """Tracks are left out only where the clip keeps the file's own pose; they keep the rate they were made with."""
+    from scene_figure import typed
+    from vitruvian.body.pack import pack
+
+    h = typed(1)
+    h.joint("l_knee").rotation = np.array([1.0, 0, 0, 0.5])
+    h.joint("humanoid_root").translation = np.array([0.0, 1, 0])
+    skeleton = pack(h).skeleton
+    still = np.zeros((7, len(skeleton), 4))
+    still[..., 3] = 1
+    clip = Motion(skeleton, 25.0, still, np.zeros((7, 3)))
+    h.tracks = tracks_of(clip)
+    assert {(t.target, t.field) for t in h.tracks} == {("l_knee", "rotation"), ("humanoid_root", "translation")}
+    back = motion_of(h, skeleton)
+    assert back.fps == 25 and len(back) == 7
+    np.testing.assert_allclose(back.rotation, clip.rotation, atol=1e-12)
+    np.testing.assert_allclose(back.translation, 0, atol=1e-12)

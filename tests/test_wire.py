@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hypothesis import strategies as st
 from capsules import capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.errors import VitruvianError
+from vitruvian.hanim import tables
 from vitruvian.show.actors import actors_of, mesh_message, sample, turned
+from vitruvian.show.explore import MAX_CAMERAS, group, levels
 from vitruvian.show.wire import REQUESTS, Block, decode, encode, parse_request, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -203,3 +206,89 @@ def test_openness_of_a_box_on_a_floor_and_of_things_that_only_lie_near():
     owner = np.r_[np.zeros(n), np.ones(4)].astype(np.int32)
     apart = np.array([[0.0, 2.0], [2.0, 0.0]])
     assert openness(points, triangles, owner, apart)[:n].min() > 0.99
+
+
+def test_the_mesh_message_says_levels_names_kinds_and_groups_from_the_standard():
+    clip = capsule_clip(joints=25)
+    (actor,) = actors_of([clip])
+    header, arrays = decode(mesh_message(actor))
+    levels = dict(zip(header["joints"], header["loa"]))
+    assert levels["humanoid_root"] == 0 and levels["l_wrist"] == 1 and levels["l_carpometacarpal_2"] == 2
+    assert levels["extra_0"] == 0  # not in the tables: stays, as in `convert --loa`
+    names = dict(zip(header["joints"], header["names"]))
+    assert names["l_wrist"] == ["2.0", "l_radiocarpal"] and names["l_talocrural"] == ["1.x", "l_ankle"]
+    assert names["extra_0"] is None and names["l_elbow"] == ["1.x", "l_elbow"]
+    assert [s["kind"] for s in header["sites"]] == ["end effector", "end effector"]
+    assert [d["group"] for d in header["displacers"]] == ["Mouth and jaw", "Other shapes"]
+    assert arrays[actor.name, "stiffness"].shape == (25, 3) and header["cameras"] == []
+    shown = arrays[actor.name, "limits"][header["joints"].index("l_elbow")]
+    np.testing.assert_allclose(shown, [[-2.6, 0], [-1, 1], [-0.1, 0.1]], atol=1e-6)
+
+
+def test_levels_of_the_page_are_those_of_the_tables():
+    for level, count in enumerate(tables.LOA_COUNTS):
+        names = list(tables.joints())
+        parents = [names.index(j.parent) if j.parent else -1 for j in tables.joints().values()]
+        assert sum(at <= level for at in levels(names, parents)) == count
+    assert levels(["l_wrist", "l_index1"], [-1, 0]) == [0, 2]  # a root stays
+
+
+def test_limits_that_bound_nothing_are_sent_as_free():
+    body = capsule_body()
+    limits = np.full((21, 3, 2), np.nan)
+    limits[1] = [[0, 0], [1, -1], [-1, 1]]
+    limits[2] = [[np.nan, 1], [-np.inf, np.inf], [-0.5, 0.5]]
+    (actor,) = actors_of([replace(body, skeleton=replace(body.skeleton, limits=limits))])
+    _, arrays = decode(mesh_message(actor))
+    sent = arrays[actor.name, "limits"]
+    assert np.isnan(sent[1:3, :2]).all() and sent[1:3, 2].tolist() == [[-1, 1], [-0.5, 0.5]]
+
+
+@pytest.mark.parametrize(
+    "name, expected",
+    [("l_eyebrow_raiser_action", "Brows"), ("eyeBlinkLeft", "Eyes"), ("r_eye_wide_action", "Eyes"),
+     ("l_cheek_squint_action", "Cheeks and nose"), ("mouthSmileLeft", "Mouth and jaw"),
+     ("jaw_open_action", "Mouth and jaw"), ("l_upper_eyelid_config", "Eyes"), ("viseme_aa", "Mouth and jaw"),
+     ("skull_tip_raiser_action", "Other parts of the face"),
+     ("biceps_bulge", "Other shapes"), ("", "Other shapes"), ("<script>", "Other shapes"), ("year", "Other shapes")],
+)  # fmt: skip
+def test_displacers_are_grouped_by_what_they_move(name, expected):
+    assert group(name) == expected
+
+
+def test_cameras_of_hostile_files_are_finite_and_few():
+    from scene_figure import GOOD
+    from vitruvian.formats.x3d import parse_x3d
+    from vitruvian.hanim.view import humanoids
+
+    deep = "<Transform>" * 300 + "<Viewpoint/>" + "</Transform>" * 300
+    inside = [
+        '<Viewpoint orientation="nan nan 0 1" position="1e39 0 0" fieldOfView="-5"/>',
+        '<Viewpoint orientation="0 0 0 7" position="1 2" fieldOfView="inf"/>',
+        '<Transform scale="0 0 0" rotation="0 1 0 1e300"><Viewpoint/></Transform>',
+        '<Transform translation="1e300 0 0"><Transform translation="1e300 0 0"><Viewpoint/></Transform></Transform>',
+        deep,
+        "",
+    ]
+    sites = "".join(f'<HAnimSite DEF="s{i}_view" name="s{i}_view">{x}</HAnimSite>' for i, x in enumerate(inside))
+    sites += "".join(f'<HAnimSite DEF="t{i}_view" name="t{i}_view"><Viewpoint/></HAnimSite>' for i in range(200))
+    text = GOOD.replace('<HAnimSegment DEF="hanim_sacrum" ', sites + '<HAnimSegment DEF="hanim_sacrum" ', 1)
+    (humanoid,) = humanoids(parse_x3d(text.encode(), "tin.x3d"))
+    (actor,) = actors_of([humanoid])
+    header, _ = decode(mesh_message(actor))
+    found = header["cameras"]
+    assert len(found) == MAX_CAMERAS
+    for camera in found:
+        assert np.isfinite([*camera["eye"], *camera["look"]]).all() and 0.1 <= camera["fov"] <= 2.6
+        assert abs(np.linalg.norm(camera["look"]) - 1) < 1e-6
+
+
+def test_findings_are_cut_to_what_a_page_can_list():
+    from vitruvian.show.live import LONGEST, finding_fields
+    from vitruvian.show.server import MAX_FINDINGS, Showing
+
+    finding = finding_fields({"rule": "x" * 10_000, "where": object(), "line": 3, "severity": None, "other": 1})
+    assert len(finding["rule"]) == LONGEST and finding["line"] == 3 and set(finding) == {"rule", "where", "line"}
+    showing = Showing(actors_of([capsule_body(vertices=300)]), [finding] * (MAX_FINDINGS + 5))
+    header, _ = decode(showing.hello())
+    assert len(header["findings"]) == MAX_FINDINGS and header["found"] == MAX_FINDINGS + 5

@@ -244,8 +244,12 @@ def test_shortest_floats() -> None:
         assert len(text.lstrip("-").split("e")[0].replace(".", "").strip("0")) <= len(
             exact.lstrip("-").split("e")[0].replace(".", "").strip("0")
         )
-    with pytest.raises(VitruvianError, match="not finite"):
-        shortest(np.array([1.0, np.nan]))
+    values = values * 10.0 ** rng.integers(-12, 4, len(values))
+    assert [t for v in values for t in shortest(np.array([v]))] == shortest(values), "one by one as all at once"
+    for bad in (np.nan, np.inf, 1e39):
+        for count in (1, 100):
+            with pytest.raises(VitruvianError, match="not finite"):
+                shortest(np.array([1.0, bad] * count))
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,8 @@ _WHERE = {
     "whole_body": "modeling.mass",
     "feature_points": "modeling.features",
     "add_feature_points": "modeling.features",
+    "segment": "hanim.segmenting",
+    "weld": "hanim.welding",
     "Mesh": "stage.clip",
     "Clip": "stage.clip",
     "show": "show.live",
@@ -57,6 +59,8 @@ if TYPE_CHECKING:
     from vitruvian.formats.registry import load as load
     from vitruvian.formats.registry import save as save
     from vitruvian.hanim.humanoid import Humanoid as Humanoid
+    from vitruvian.hanim.segmenting import segment as segment
+    from vitruvian.hanim.welding import weld as weld
     from vitruvian.modeling.contours import contours as contours
     from vitruvian.modeling.features import add_feature_points as add_feature_points
     from vitruvian.modeling.features import feature_points as feature_points

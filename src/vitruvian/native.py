@@ -51,11 +51,17 @@ def parse_floats_numpy(text: bytes | bytearray | memoryview, expected: int = -1)
     import re
 
     data = bytes(text)
-    tokens = data.replace(b",", b" ").split()
+    pieces, start = [], 0
     try:
         if b"_" in data:  # float() takes digit groups, files do not
             raise ValueError
-        values = np.array([float(t) for t in tokens], dtype=np.float64)
+        while start < len(data):  # a megabyte at a time, cut at a blank, so that a long list needs little memory
+            cut = re.compile(rb"[\s,]").search(data, start + (1 << 20))
+            end = cut.start() if cut else len(data)
+            tokens = data[start:end].replace(b",", b" ").split()
+            pieces.append(np.array([float(t) for t in tokens], np.float64))
+            start = end
+        values = np.concatenate([*pieces, np.zeros(0)])
         good = bool(np.isfinite(values).all())
     except ValueError:
         good = False

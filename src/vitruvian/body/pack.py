@@ -18,6 +18,7 @@ from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
+from vitruvian.hanim.welding import pieces, restored
 
 
 def pack(humanoid: Humanoid) -> Body:
@@ -177,6 +178,8 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
     weight: list[Floats] = []
 
     deforming = [s for s in humanoid.skin if s.points is None]
+    cut = list(pieces(humanoid, by_place=False))  # Segments cut out of the skin bend as the skin does
+    deforming += [restored(s, len(humanoid.skin_coord)) for _, _, s in cut]
     count = len(humanoid.skin_coord) if deforming or any(len(j.skin_coord_index) for j in joints) else 0
     if count:
         surface.add_points(humanoid.skin_coord)
@@ -188,6 +191,7 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
             morphs += [m for d in joint.displacers if (m := _morph(d, joint.name, count, i)) is not None]
         own = (_morph(d, humanoid.name, count, 0) for d in humanoid.skin_displacers)
         morphs += [replace(m, before=True) for m in own if m is not None]
+        morphs += _cut_morphs(cut, {id(j): i for i, j in enumerate(joints)}, count)
         for n, shape in enumerate(deforming):
             surface.add_shape(shape, 0, f"skin {n}")
     for n, shape in enumerate(s for s in humanoid.skin if s.points is not None):
@@ -276,6 +280,26 @@ def _morph(displacer: Displacer, where: str, count: int, joint: int) -> Morph | 
     return Morph(displacer.name, kept, offset, joint, weight=float(displacer.weight))
 
 
+def _cut_morphs(cut: list[tuple[Joint, Segment, Shape]], place: dict[int, int], count: int) -> list[Morph]:
+    """Displacers of Segments that were cut out of the skin, over skin points; a point on a cut moves once."""
+    homes = {id(home): (joint, home, shape) for joint, home, shape in cut}
+    taken: dict[str, Ints] = {}
+    out = []
+    for joint, home, shape in homes.values():
+        index = shape.skin_index
+        assert index is not None
+        for d in home.displacers:
+            part = _morph(d, home.name, len(index), place[id(joint)])
+            if part is None:
+                continue
+            rows = index[part.index]
+            fresh = ~np.isin(rows, taken.get(d.name, rows[:0]))
+            taken[d.name] = np.concatenate([taken.get(d.name, rows[:0]), rows])
+            if fresh.any():
+                out.append(Morph(d.name, rows[fresh], part.offset[fresh], part.joint, weight=part.weight))
+    return out
+
+
 def _holders(joint: Joint) -> Iterator[tuple[Segment | Site, Floats]]:
     """What carries rigid geometry under a joint, and where it stands in the joint's frame."""
     for segment in joint.segments:
@@ -304,7 +328,7 @@ def _add_holder(surface: _Surface, holder: Segment | Site, frame: Floats) -> lis
     seen: dict[tuple[int, bytes], int] = {}
     starts = []
     for n, shape in enumerate(holder.shapes):
-        if shape.points is None:
+        if shape.points is None or shape.skin_index is not None:
             continue
         key = (id(shape.points), b"" if shape.transform is None else np.asarray(shape.transform).tobytes())
         if key not in seen:

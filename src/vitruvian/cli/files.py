@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Repair, count, emit, say
+from vitruvian.cli.output import Bake, Json, Repair, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 def _humanoid_facts(h: Humanoid) -> dict[str, Any]:
     segments = h.segments()
-    if len(h.skin_coord):
+    if h.skin and len(h.skin_coord):
         vertices, triangles = len(h.skin_coord), sum(len(s.triangles) for s in h.skin)
     else:
         shapes = [s for g in segments for s in g.shapes]
-        vertices = sum(0 if s.points is None else len(s.points) for s in shapes)
+        vertices = sum(len(p) for p in {id(s.points): s.points for s in shapes if s.points is not None}.values())
         triangles = sum(len(s.triangles) for s in shapes)
     return {
         "name": h.name,
@@ -68,7 +68,9 @@ def _self_facts() -> dict[str, Any]:
 
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
-    file: Path | None = typer.Argument(None, help="X3D, VRML, BVH or OBJ file."),
+    file: Path | None = typer.Argument(
+        None, help="X3D (XML, Classic, JSON), VRML, glTF, VRM, USD, BVH, OBJ, PLY or STL file."
+    ),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
     repair: bool = Repair,
     as_json: bool = Json,
@@ -82,19 +84,21 @@ def info(
         raise VitruvianError("info: expected a file (or --self)")
     from vitruvian.formats import registry
 
-    form = registry.extension(file)
+    form = registry.kind(file)
     document: dict[str, Any] = {"format": form.lstrip(".")}
-    if form in registry.SCENES:
-        document["humanoids"] = [_humanoid_facts(h) for h in registry.humanoids(file, repair=repair)]
-        lines = [
-            f"{h['name'] or '(no name)'}: H-Anim {h['version']}, LOA {h['loa']}, {count(h['joints'], 'joint')}, "
-            f"{count(h['segments'], 'segment')}, {count(h['sites'], 'site')}, {count(h['displacers'], 'displacer')}, "
-            f"{count(h['motions'], 'motion')}, {h['vertices']:,} vertices, {count(h['triangles'], 'triangle')}"
-            + "".join(f"\n  clip {c['name']}: {c['seconds']:g} s" for c in h["clips"])
-            for h in document["humanoids"]
-        ] or ["no humanoid in this file"]
-    else:
-        thing = registry.load(file)
+    lines = []
+    found = registry.contents(file, repair=repair)
+    figures = [_humanoid_facts(h) for h in found if hasattr(h, "skin_coord")]
+    if figures or form in registry.SCENES:
+        document["humanoids"] = figures
+    lines += [
+        f"{h['name'] or '(no name)'}: H-Anim {h['version']}, LOA {h['loa']}, {count(h['joints'], 'joint')}, "
+        f"{count(h['segments'], 'segment')}, {count(h['sites'], 'site')}, {count(h['displacers'], 'displacer')}, "
+        f"{count(h['motions'], 'motion')}, {h['vertices']:,} vertices, {count(h['triangles'], 'triangle')}"
+        + "".join(f"\n  clip {c['name']}: {c['seconds']:g} s" for c in h["clips"])
+        for h in figures
+    ]
+    for thing in found:
         if hasattr(thing, "fps"):
             facts = {
                 "joints": len(thing.skeleton),
@@ -103,18 +107,23 @@ def info(
                 "seconds": thing.seconds,
             }
             document["motion"] = facts
-            lines = [f"motion: {facts['joints']} joints, {facts['frames']:,} frames at {facts['fps']:g} per second"]
-        else:
+            lines.append(f"motion: {facts['joints']} joints, {facts['frames']:,} frames at {facts['fps']:g} per second")
+        elif hasattr(thing, "unit"):
             facts = {"vertices": len(thing.vertices), "triangles": len(thing.triangles), "unit": thing.unit}
             document["mesh"] = facts
-            lines = [f"mesh: {facts['vertices']:,} vertices, {count(facts['triangles'], 'triangle')}"]
+            lines.append(f"mesh: {facts['vertices']:,} vertices, {count(facts['triangles'], 'triangle')}")
+    lines = lines or ["no humanoid in this file"]
     emit(document, "\n".join(lines), as_json)
 
 
-@app.command(epilog="Example: vitruvian check body.x3d")
+@app.command(epilog="Example: vitruvian check body.x3d --fix mended.x3d --also S04,P03")
 def check(
-    files: list[Path] = typer.Argument(..., help="X3D or VRML files."),
+    files: list[Path] | None = typer.Argument(None, help="X3D (XML, Classic, JSON), VRML, glTF, VRM or USD files."),
     out: Path | None = typer.Option(None, "--fix", help="Repair what has one right repair and write it here."),
+    also: str = typer.Option("", help="With --fix: rules to repair as well that are repaired on request only, or all."),
+    why: bool = typer.Option(False, "--why", help="Say beside each finding why it matters."),
+    schema: bool = typer.Option(False, "--schema", help="Ask the X3D XML schema too (rule F09); half a second more."),
+    rules: bool = typer.Option(False, "--rules", help="List all rules instead: what each finds, why, what to do."),
     as_json: bool = Json,
 ) -> None:
     """Say what is wrong in H-Anim files, where, and what to do about it. Exit status 1 when there are errors.
@@ -125,23 +134,39 @@ def check(
 
     from vitruvian.formats.registry import check as examine
     from vitruvian.formats.registry import fix
+    from vitruvian.hanim.doctor_rules import RULES, SEVERITIES, rules_text
 
+    if rules:
+        listed = [asdict(r) | {"severity": SEVERITIES[r.severity]} for r in RULES.values()]
+        emit(listed, rules_text(), as_json)
+        return
+    if not files:
+        raise VitruvianError("check: expected files (or --rules)")
+    repairs: list[str] = []
     if out is not None:
         if len(files) != 1:
             raise VitruvianError(f"--fix: expected one file to repair, found {len(files)}")
-        for line in fix(files[0], out):
+        repairs = fix(files[0], out, also=also.replace(",", " ").split())
+        for line in repairs or ["nothing to repair"]:
             say(line)
         files = [out]
+    elif also:
+        raise VitruvianError("--also: says what --fix repairs; give --fix OUT")
     documents, lines = [], []
     for file in files:
-        findings = examine(file)
+        findings = examine(file, schema=schema)
         ok = not any(f.severity == "error" for f in findings)
-        documents.append({"file": str(file), "ok": ok, "findings": [asdict(f) for f in findings]})
-        tally = {s: sum(f.severity == s for f in findings) for s in ("error", "warning", "note")}
+        document = {"file": str(file), "ok": ok, "findings": [asdict(f) | {"why": f.why} for f in findings]}
+        documents.append(document | ({"repairs": repairs} if out is not None else {}))
+        tally = {s: sum(f.severity == s for f in findings) for s in SEVERITIES.values()}
         lines.append(f"{file}: " + (", ".join(count(n, s) for s, n in tally.items() if n) or "nothing to say"))
         for f in findings:
             where = f"{file}:{f.line}" if f.line else str(file)
             lines.append(f"  {where}: {f.severity} {f.rule} {f.where}: {f.message}" + (f" ({f.fix})" if f.fix else ""))
+            lines += [f"      {f.why}"] if why else []
+        more = sorted({f.rule for f in findings if RULES[f.rule].auto in {"opt", "part"}})
+        if more and out is not None:
+            lines.append(f"  on request: --also {','.join(more)}")
     emit(documents, "\n".join(lines), as_json)
     if not all(d["ok"] for d in documents):
         raise typer.Exit(1)
@@ -152,31 +177,48 @@ def convert(
     source: Path = typer.Argument(..., metavar="IN", help="File to read."),
     target: Path = typer.Argument(..., metavar="OUT", help="File to write; its extension says the format."),
     hanim: str | None = typer.Option(None, "--hanim", help="H-Anim version of scene files: 1.1, 200x or 2.0."),
-    loa: int | None = typer.Option(None, min=0, max=4, help="Fold joints above this level of articulation."),
+    loa: int | None = typer.Option(
+        None, min=0, max=4, help="Level of articulation: joints above it are folded, joints it lacks are added."
+    ),
+    rest: str | None = typer.Option(None, "--rest", help="standard: re-pose an A or T pose to the standard rest pose."),
+    skin: str | None = typer.Option(None, "--skin", help="segments: cut the skin into Segments; seamless: weld them."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several (scenes: all of them)."),
     clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
+    names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
+    bake: bool = Bake,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Convert any readable file to any writable format, and say what was lost."""
+    """Convert any readable file to any writable format, and say what was lost.
+
+    A body can change its H-Anim version, level of articulation, rest pose and kind of surface on the way; its clips
+    follow.
+
+    Reads .x3d .x3dv .x3dj .json .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d
+    .x3dv .x3dj .json .wrl .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra:
+    pip install 'vitruvian[usd]'.
+    """
     from vitruvian.formats import registry
 
     if hanim not in (None, "1.1", "200x", "2.0"):
         raise VitruvianError(f"--hanim: expected 1.1, 200x or 2.0, found {hanim}")
-    several = name is None and loa is None and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
+    for option, value, choices in (("--rest", rest, ("standard",)), ("--skin", skin, ("segments", "seamless"))):
+        if value is not None and value not in choices:
+            raise VitruvianError(f"{option}: expected {' or '.join(choices)}, found {value}")
+    if names is not None and registry.extension(source) not in registry.FIGURES:
+        raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
+    plain = name is None and loa is None and rest is None and skin is None
+    several = plain and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
     found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
-    thing = found or registry.load(source, name=name, repair=repair)
+    options = {} if names is None else {"names": names}
+    thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
-    if loa is not None:
-        from vitruvian.hanim.convert import VERSIONS, converted
-        from vitruvian.hanim.humanoid import Humanoid
-
-        if not isinstance(thing, Humanoid):
-            raise VitruvianError(f"--loa: expected an H-Anim body, found a {type(thing).__name__.lower()}")
-        version = hanim or (thing.version if thing.version in VERSIONS else "2.0")
-        thing, lost = converted(thing, version, loa=loa)
-    report = registry.save(thing, target, hanim=hanim, clip=clip)
+    off = 0.0
+    if loa is not None or rest or skin:
+        thing, lost, off = _remade(thing, target, hanim, loa, rest, skin)
+    report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake))
     report["lost"] = lost + report["lost"]
+    report["max_vertex_error_m"] = max(report["max_vertex_error_m"], off)
     text = f"wrote {target}"
     if report["pruned_weights"]:
         text += (
@@ -184,6 +226,39 @@ def convert(
             f"at most {report['max_vertex_error_m'] * 1000:.2f} mm off"
         ).replace("vertexs", "vertices")
     emit(report, "\n".join([text, *(f"lost: {line}" for line in report["lost"])]), as_json)
+
+
+def _remade(
+    thing: Any, target: Path, hanim: str | None, loa: int | None, rest: str | None, skin: str | None
+) -> tuple[Humanoid, list[str], float]:
+    """The body with the level, rest pose and kind of surface that were asked for; what was lost; how far it is off."""
+    from vitruvian.formats.registry import extension
+    from vitruvian.hanim.humanoid import Humanoid
+
+    if not isinstance(thing, Humanoid):
+        what = "--loa" if loa is not None else "--rest" if rest else "--skin"
+        raise VitruvianError(f"{what}: expected an H-Anim body, found a {type(thing).__name__.lower()}")
+    lost: list[str] = []
+    off = 0.0
+    if skin == "seamless":
+        from vitruvian.hanim.welding import weld
+
+        thing = weld(thing)
+    if rest:
+        from vitruvian.modeling.standing import standard_pose
+
+        thing, lost = standard_pose(thing)
+    version = hanim or ("200x" if extension(target) == ".wrl" else None)
+    if loa is not None or version is not None:
+        from vitruvian.modeling.levels import at_level
+
+        thing, gone, off = at_level(thing, loa, version=version)
+        lost += gone
+    if skin == "segments":
+        from vitruvian.hanim.segmenting import segment
+
+        thing = segment(thing)
+    return thing, lost, off
 
 
 def _pose_of(text: str) -> dict[str, list[float]]:
@@ -205,7 +280,7 @@ def _pose_of(text: str) -> dict[str, list[float]]:
 
 @app.command(epilog="Example: vitruvian pose body.x3d --joints '{\"l_knee\": [1, 0, 0, 0.8]}' -o kneeling.glb")
 def pose(
-    file: Path = typer.Argument(..., help="H-Anim file."),
+    file: Path = typer.Argument(..., help="H-Anim or USD file."),
     joints: str = typer.Option(..., "--joints", help="JSON {joint: [x, y, z, angle]}, or a file that holds it."),
     matrices: Path | None = typer.Option(None, "--matrices", help="Write the joint matrices here (JSON, row-major)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the posed humanoid here."),
@@ -220,8 +295,11 @@ def pose(
     from vitruvian.body.pack import pack
     from vitruvian.formats import registry
     from vitruvian.formats.atomic import atomic
+    from vitruvian.hanim.humanoid import Humanoid
 
     humanoid = registry.load(file, name=name, repair=repair)
+    if not isinstance(humanoid, Humanoid):
+        raise VitruvianError(f"{file}: expected an H-Anim body to pose, found a {type(humanoid).__name__.lower()}")
     known = {j.name: j for j in humanoid.joints()}
     for joint, value in _pose_of(joints).items():
         if joint not in known:

@@ -6,13 +6,27 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import typer
 
+from vitruvian.errors import VitruvianError
+
 Json = typer.Option(False, "--json", help="Print one JSON document to stdout and nothing else.")
 Out = typer.Option(..., "-o", "--out", help="File to write; its extension says the format.")
 Repair = typer.Option(False, "--repair", help="Drop numbers that can't be meant instead of refusing the file.")
+
+Bake = typer.Option(False, "--bake", help="USD only: write the deformed points of every frame instead of a skeleton.")
+
+
+def baking(out: Path, bake: bool) -> dict[str, Any]:
+    """Options of `save` for --bake."""
+    from vitruvian.formats.registry import USD, extension
+
+    if bake and extension(out) not in USD:
+        raise VitruvianError(f"--bake: expected a USD file to write ({', '.join(USD)}), found {out}")
+    return {"bake": True} if bake else {}
 
 
 def emit(document: Any, text: str, as_json: bool) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Out, count, emit, progress
+from vitruvian.cli.output import Bake, Json, Out, baking, count, emit, progress
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -123,9 +123,10 @@ def movement(source: str, body: Body, clip: str | None = None) -> Motion:
     return retarget(found, soled(body))
 
 
-def write(clip: Clip, out: Path) -> dict[str, Any]:
-    """Write a clip to a file of any kind we have: scenes, GLB, BVH, OBJ, a page, a picture or a film."""
+def write(clip: Clip, out: Path, *, bake: bool = False) -> dict[str, Any]:
+    """Write a clip to a file of any kind we have: scenes, GLB, USD, BVH, OBJ, a page, a picture or a film."""
     kind = out.suffix.lower()
+    options = baking(out, bake)
     if kind == ".html":
         from vitruvian.show.recording import record
 
@@ -142,14 +143,14 @@ def write(clip: Clip, out: Path) -> dict[str, Any]:
     else:
         from vitruvian.formats.registry import save
 
-        return save(clip, out)
+        return save(clip, out, **options)
     return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
 
 
 @app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
 def animate(
-    body: str = typer.Argument(..., help="H-Anim file, or the word person."),
-    motion: str = typer.Argument(..., help="BVH or H-Anim file, or the words walk or idle."),
+    body: str = typer.Argument(..., help="H-Anim, glTF, VRM or USD file, or the word person."),
+    motion: str = typer.Argument(..., help="BVH, VRMA, glTF, H-Anim or USD file, or the words walk or idle."),
     out: Path = Out,
     deformer: str = typer.Option(
         "log", help="How the skin follows: linear, dual-quaternion, log, volume, hand, hybrid, ..."
@@ -158,9 +159,13 @@ def animate(
     repair: bool = typer.Option(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
     ),
+    bake: bool = Bake,
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body and write what comes out (.glb .x3d .wrl .html .mp4 .png .bvh .obj)."""
+    """Put a motion on a body and write what comes out.
+
+    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .obj.
+    """
     from vitruvian.body.pack import pack
     from vitruvian.deform.deformer import deformer as bind
     from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm
@@ -171,7 +176,7 @@ def animate(
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
     shown = Clip(humanoid, packed, movement(motion, packed, clip), deformer)
-    report = write(shown, out)
+    report = write(shown, out, bake=bake)
     moved = shown.motion
     assert moved is not None
     document = {

@@ -37,11 +37,11 @@ def _shown(file: str) -> Any:
 
 @app.command(epilog="Example: vitruvian view walking.x3d")
 def view(
-    files: list[str] = typer.Argument(..., help="H-Anim, BVH or OBJ files."),
+    files: list[str] = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ files."),
     no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
     as_json: bool = Json,
 ) -> None:
-    """Show files in the browser, until Ctrl-C."""
+    """Show files in the browser, until Ctrl-C. The page lists what the doctor finds in them, open when there are errors."""
     import sys
     import threading
     from contextlib import suppress
@@ -50,7 +50,7 @@ def view(
     from vitruvian.show.live import show
 
     things = [_shown(f) for f in files]
-    scenes = [f for f in files if registry.extension(Path(f)) in registry.SCENES]
+    scenes = [f for f in files if registry.kind(f) in registry.SCENES]
     findings = [finding for f in scenes for finding in registry.check(f)]
     window = show(*things, open_browser=not no_open, block=False, findings=findings)
     assert window is not None
@@ -62,7 +62,7 @@ def view(
 
 @app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")
 def render(
-    file: str = typer.Argument(..., help="H-Anim, BVH or OBJ file."),
+    file: str = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ file."),
     out: Path = Out,
     view: str = typer.Option("three-quarter", help="front, side, back, three-quarter, face, hands, or a _view Site."),
     time: float = typer.Option(0.0, help="Seconds into the motion."),

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from vitruvian.body.rotations import from_matrix, to_matrix
 from vitruvian.body.seams import creases, face_normals, split_seams
-from vitruvian.body.types import Body, Floats, Part, Skeleton, Skin
+from vitruvian.body.types import Body, Floats, Part, Skin
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.gltf_buffer import INDICES, VERTICES, Document
+from vitruvian.formats.gltf_nodes import Nodes
 from vitruvian.formats.gltf_skin import limit, measure
 from vitruvian.motion.types import Motion
 from vitruvian.stage.clip import Clip, Mesh
@@ -66,6 +66,15 @@ def write_glb(
 
         humanoid, body = thing, pack(thing)
     doc = Document()
+    report, _, _ = figure(doc, body, humanoid, motion, deformer, influences)
+    report["bytes"] = doc.write(path)
+    return report
+
+
+def figure(
+    doc: Document, body: Body, humanoid: Humanoid | None, motion: Motion | None, deformer: str, influences: int
+) -> tuple[dict[str, Any], Nodes, int | None]:
+    """A figure as the scene of a document: the report of `write_glb`, its nodes, the node of its mesh if it has one."""
     report: dict[str, Any] = {"vertices": 0, "triangles": 0, "joints": len(body.skeleton), "lost": []}
     nodes = Nodes(doc, body, humanoid)
     roots = [nodes.root]
@@ -82,134 +91,7 @@ def write_glb(
         )
     doc.root["scenes"] = [{"name": body.name or "humanoid", "nodes": roots}]
     doc.root["scene"] = 0
-    report["bytes"] = doc.write(path)
-    return report
-
-
-class Nodes:
-    """The joints as nodes. Attributes: `root` the humanoid's node, `joint` (J,) nodes that are animated, `bone` (J,)
-    nodes the skin follows (the same unless a joint has a helper node), `static` a node that never moves."""
-
-    def __init__(self, doc: Document, body: Body, humanoid: Humanoid | None):
-        self.doc, self.skeleton = doc, body.skeleton
-        s = body.skeleton
-        self.helpers: list[str] = []
-        self.spin = np.tile([0.0, 0, 0, 1], (len(s), 1))  # multiplied on the right of every animated rotation
-        about = _about(humanoid)
-        self.root, inner = self._placement(body, humanoid)
-        self.joint: list[int] = []
-        self.bone: list[int] = []
-        turn = to_matrix(s.scale_orientation)
-        rotation = to_matrix(s.rotation)
-        local = s.translation + s.centers - np.where(s.parents[:, None] >= 0, s.centers[s.parents], 0)
-        for j, name in enumerate(s.names):
-            node: dict[str, Any] = {"name": name or f"joint_{j}"}
-            stretch = s.scale[j]
-            matrix = rotation[j]
-            plain = np.ptp(stretch) < 1e-9 * np.abs(stretch).max() or np.allclose(
-                turn[j] @ np.diag(stretch) @ turn[j].T, np.diag(stretch), atol=1e-12
-            )
-            if not plain:
-                self.spin[j] = s.scale_orientation[j]
-                matrix = matrix @ turn[j]
-            _set(node, local[j], from_matrix(matrix), stretch)
-            extras = {**_limits(s, j), **about.get(name, {})}
-            if extras:
-                node["extras"] = {"hanim": extras}
-            index = doc.append("nodes", node)
-            self.joint.append(index)
-            if not plain:
-                self.helpers.append(name)
-                back = from_matrix(turn[j].T)
-                helper = doc.append("nodes", {"name": f"{name}_frame", "rotation": [float(x) for x in back]})
-                node["children"] = [helper]
-                index = helper
-            self.bone.append(index)
-            parent = inner if s.parents[j] < 0 else self.bone[s.parents[j]]
-            self._hang(parent, self.joint[j])
-        for name, j, point in zip(s.site_names, s.site_joints, s.site_points):
-            node = {"name": name or "site", "extras": {"hanim": {"node": "Site"}}}
-            _set(node, point - s.centers[j], np.array([0, 0, 0, 1.0]), np.ones(3))
-            self._hang(self.bone[j], doc.append("nodes", node))
-        self.inner = inner
-        self._static: int | None = None
-
-    def _hang(self, parent: int, child: int) -> None:
-        self.doc.root["nodes"][parent].setdefault("children", []).append(child)
-
-    @property
-    def static(self) -> int:
-        if self._static is None:
-            self._static = self.doc.append("nodes", {"name": "static"})
-            self._hang(self.inner, self._static)
-        return self._static
-
-    def _placement(self, body: Body, humanoid: Humanoid | None) -> tuple[int, int]:
-        """The Humanoid's own transform: one node, or two when it shears (placement = T U S, then V^T)."""
-        extras: dict[str, Any] = {"node": "Humanoid"}
-        if humanoid is not None:
-            extras.update(version=humanoid.version, loa=int(humanoid.loa))
-            if humanoid.info:
-                extras["info"] = dict(humanoid.info)
-        node: dict[str, Any] = {"name": body.name or "humanoid", "extras": {"hanim": extras}}
-        linear = body.placement[:3, :3]
-        length = np.linalg.norm(linear, axis=0)
-        index = self.doc.append("nodes", node)
-        unit = linear / np.where(length > 0, length, 1)
-        if np.linalg.det(linear) > 0 and np.allclose(unit.T @ unit, np.eye(3), atol=1e-9):
-            _set(node, body.placement[:3, 3], from_matrix(unit), length)
-            return index, index
-        u, stretch, vt = np.linalg.svd(linear)
-        if np.linalg.det(u) < 0:
-            u[:, 2], stretch[2] = -u[:, 2], -stretch[2]
-        if np.linalg.det(vt) < 0:
-            vt[2], stretch[2] = -vt[2], -stretch[2]
-        _set(node, body.placement[:3, 3], from_matrix(u), stretch)
-        inner = {"name": f"{node['name']}_frame"}
-        _set(inner, np.zeros(3), from_matrix(vt), np.ones(3))
-        second = self.doc.append("nodes", inner)
-        node["children"] = [second]
-        return index, second
-
-
-def _set(node: dict[str, Any], translation: Floats, rotation: Floats, scale: Floats) -> None:
-    """TRS of a node; what is the default stays out."""
-    if np.abs(translation).max() > 0:
-        node["translation"] = [float(np.float32(x)) for x in translation]
-    q = np.asarray(rotation, np.float64) / np.linalg.norm(rotation)
-    if abs(q[3]) < 1 - 1e-15:
-        node["rotation"] = [float(x) for x in q]
-    if np.abs(scale - 1).max() > 0:
-        node["scale"] = [float(x) for x in scale]
-
-
-def _limits(s: Skeleton, j: int) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    limit = s.limits[j]
-    if np.isfinite(limit).all():
-        out["llimit"], out["ulimit"] = [float(x) for x in limit[:, 0]], [float(x) for x in limit[:, 1]]
-        if abs(s.limit_orientation[j, 3]) < 1 - 1e-12:
-            out["limitOrientation"] = [float(x) for x in s.limit_orientation[j]]
-    if s.stiffness[j].any():
-        out["stiffness"] = [float(x) for x in s.stiffness[j]]
-    return out
-
-
-def _about(humanoid: Humanoid | None) -> dict[str, dict[str, Any]]:
-    """What the arrays do not hold: the Segments of each joint with their masses."""
-    out: dict[str, dict[str, Any]] = {}
-    for joint in humanoid.joints() if humanoid is not None else []:
-        segments = []
-        for g in joint.segments:
-            item: dict[str, Any] = {"name": g.name}
-            if g.mass:
-                item.update(mass=float(g.mass), centerOfMass=[float(x) for x in g.center_of_mass])
-                if np.any(g.moments_of_inertia):
-                    item["momentsOfInertia"] = [float(x) for x in np.ravel(g.moments_of_inertia)]
-            segments.append(item)
-        if segments:
-            out[joint.name] = {"segments": segments}
-    return out
+    return report, nodes, mesh_node
 
 
 def _skinned(
@@ -241,7 +123,7 @@ def _skinned(
         attributes[f"WEIGHTS_{k}"] = doc.add(weights[source, some], target=VERTICES)
     mesh = _mesh(doc, "body", skin, triangles, attributes, uv is not None)
     if skin.morphs:
-        _morphs(doc, mesh, skin, source, report)
+        _morphs(doc, mesh, body, source, report)
     report.update(vertices=len(source), triangles=int(len(triangles)))
     index = doc.append("skins", {
         "joints": bones, "skeleton": nodes.root, "inverseBindMatrices": doc.add(inverse),
@@ -273,6 +155,8 @@ def _attributes(doc: Document, skin: Skin, source: NDArray, uv: NDArray | None, 
         out["TEXCOORD_0"] = doc.add(flipped, target=VERTICES)
     if skin.colors is not None:
         out["COLOR_0"] = _colors(doc, skin.colors[source])
+    if len(rest) < 1 << 24:  # which copies are one point, for our reader
+        out["_POINT"] = doc.add(source, target=VERTICES)
     return out
 
 
@@ -323,13 +207,16 @@ def _material(part: Part, colored: bool) -> dict[str, Any]:
         out["alphaMode"] = "BLEND"
     if part.double_sided:
         out["doubleSided"] = True
+    if part.crease < np.pi:
+        out["extras"] = {"hanim": {"creaseAngle": float(part.crease)}}
     return out
 
 
-def _morphs(doc: Document, mesh: dict[str, Any], skin: Skin, source: NDArray, report: dict[str, Any]) -> None:
+def _morphs(doc: Document, mesh: dict[str, Any], body: Body, source: NDArray, report: dict[str, Any]) -> None:
     """Displacers as morph targets. Drawn vertices are in the order of skin vertices, so each has one run of copies."""
+    skin = body.skin
     first = np.searchsorted(source, np.arange(len(skin.rest) + 1))
-    targets, names, weights = [], [], []
+    targets, names, weights, owners = [], [], [], []
     for morph in skin.morphs:
         total = np.zeros((len(skin.rest), 3))
         np.add.at(total, morph.index, morph.offset)
@@ -340,12 +227,13 @@ def _morphs(doc: Document, mesh: dict[str, Any], skin: Skin, source: NDArray, re
             continue
         targets.append({"POSITION": doc.add_sparse(len(source), drawn, total[source[drawn]])})
         names.append(morph.name)
+        owners.append({"joint": body.skeleton.names[morph.joint]})
         weights.append(float(morph.weight))
     if targets:
         for primitive in mesh["primitives"]:
             primitive["targets"] = targets
         mesh["weights"] = weights
-        mesh["extras"] = {"targetNames": names}
+        mesh["extras"] = {"targetNames": names, "hanim": {"displacers": owners}}
 
 
 def _animate(
@@ -353,21 +241,13 @@ def _animate(
 ) -> None:
     """Rotations of all joints that move and translations, linear between the frames; a loop is closed."""
     from vitruvian.body.rotations import multiply
+    from vitruvian.motion.tracks import frames_to_write
 
-    s, n = body.skeleton, len(motion)
-    closed = motion.loop and n > 1
-    times = np.arange(n + closed) / motion.fps
-    rotation = multiply(motion.rotation, nodes.spin) if nodes.helpers else motion.rotation
-    if closed:
-        last = np.where((rotation[0] * rotation[-1]).sum(-1, keepdims=True) < 0, -rotation[0], rotation[0])
-        rotation = np.concatenate([rotation, last[None]])
-    moves = np.repeat(s.translation[None], n, axis=0)
-    if motion.joint_translation is not None:
-        moves = motion.joint_translation
-    else:
-        moves[:, 0] = motion.translation
-    if closed:
-        moves = np.concatenate([moves, moves[-1:] + (moves[-1:] - moves[-2:-1])])
+    s = body.skeleton
+    rotation, moves, given = frames_to_write(motion)
+    times = np.arange(len(rotation)) / motion.fps
+    if nodes.helpers:
+        rotation = multiply(rotation, nodes.spin)
     moves = moves + s.centers - np.where(s.parents[:, None] >= 0, s.centers[s.parents], 0)
     channels: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
@@ -393,17 +273,18 @@ def _animate(
     mesh = doc.root["meshes"][doc.root["nodes"][mesh_node]["mesh"]] if mesh_node is not None else {}
     names = mesh.get("extras", {}).get("targetNames", [])
     if any(name in motion.weights for name in names):
-        each = [motion.weights.get(name, np.full(n, w)) for name, w in zip(names, mesh["weights"])]
-        values = np.stack(each, -1)
+        each = [given.get(name, np.full(len(rotation), w)) for name, w in zip(names, mesh["weights"])]
         assert mesh_node is not None
-        track(mesh_node, "weights", np.concatenate([values, values[:1]]) if closed else values)
+        track(mesh_node, "weights", np.stack(each, -1))
     missing = [name for name in motion.weights if name not in names]
     if missing:
         report["lost"].append(
             f"the motion of {len(missing)} displacers without a morph target: {', '.join(missing[:5])}"
         )
     if channels:
-        doc.append("animations", {"name": motion.name or "motion", "channels": channels, "samplers": samplers})
+        about = {"hanim": {"fps": float(motion.fps), "loop": bool(motion.loop)}}
+        name = motion.name or "motion"
+        doc.append("animations", {"name": name, "channels": channels, "samplers": samplers, "extras": about})
 
 
 def _write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def add_script(scene: Scene, humanoid: Humanoid, body: Body) -> dict[str, int]:
     defs = scene.defs()
     joints = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("HAnimJoint", "Joint")}
     surfaces = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("DefBody", "DefBodyTex")}
-    for name in (*(skeleton.names[j] for j in _needed(body, p)), ):
+    for name in (*(skeleton.names[j] for j in _needed(body, p)),):
         if name not in joints:
             raise VitruvianError(f"live: expected a node of joint {name} in the scene, found none")
     for surface in body.contours:
@@ -82,7 +82,7 @@ def add_script(scene: Scene, humanoid: Humanoid, body: Body) -> dict[str, int]:
         typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
         script.interface.append(ProtoField("initializeOnly", kind, name, typed))
     code = _code(names, [s.name for s in body.contours])
-    if scene.encoding == "x3d":
+    if scene.encoding in ("x3d", "x3dj"):
         script.text = "ecmascript:\n" + code
     else:
         script.fields["url"] = ["javascript:\n" + code if scene.encoding == "wrl" else "ecmascript:\n" + code]
@@ -93,8 +93,7 @@ def add_script(scene: Scene, humanoid: Humanoid, body: Body) -> dict[str, int]:
     for surface in body.contours:
         scene.body.append(Route(SCRIPT, f"{surface.name}_points", surfaces[surface.name].name, "set_Points"))
     # Routes are read in the order of the file: those from the script come after its node.
-    routes = [s for s in scene.body if isinstance(s, Route)]
-    scene.body[:] = [s for s in scene.body if not isinstance(s, Route)] + routes
+    scene.body.sort(key=lambda statement: isinstance(statement, Route))
     return {"script_bytes": len(code), "points": len(rest) // 3, "joints": len(names)}
 
 
@@ -113,7 +112,8 @@ def _code(joints: list[str], surfaces: list[str]) -> str:
     events = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(joints)]
     publish = [f"  {name}_points = surface({i}, M);" for i, name in enumerate(surfaces)]
     release = [
-        f"  if (fresh[{i}]) {{ hanim_{name}_rotation = fresh[{i}]; fresh[{i}] = null; }}" for i, name in enumerate(joints)
+        f"  if (fresh[{i}]) {{ hanim_{name}_rotation = fresh[{i}]; fresh[{i}] = null; }}"
+        for i, name in enumerate(joints)
     ]
     return "\n".join([
         template, *events, "function publish(M) {", *publish, "}", "function release() {", *release, "}", "",
@@ -123,10 +123,10 @@ def _code(joints: list[str], surfaces: list[str]) -> str:
 def _reroute(scene: Scene, joints: dict[str, str]) -> None:
     """Routes that turn a joint go to the script."""
     for statement in scene.body:
-        if isinstance(statement, Route) and statement.to_node in joints:
-            if statement.to_field in ("rotation", "set_rotation"):
-                statement.to_field = f"hanim_{joints[statement.to_node]}Def"
-                statement.to_node = SCRIPT
+        turns = isinstance(statement, Route) and statement.to_field in ("rotation", "set_rotation")
+        if turns and isinstance(statement, Route) and statement.to_node in joints:
+            statement.to_field = f"hanim_{joints[statement.to_node]}Def"
+            statement.to_node = SCRIPT
 
 
 def _text(value: object) -> str:

@@ -90,7 +90,7 @@ class Printer:
         if not isinstance(value, Literal):
             return text_of(value, type, self.syntax)
         text = translate(value, type, self.syntax)
-        if text is None and value.text.strip(" \t\n,[]") not in ("", "NULL"):
+        if text is None and value.text.strip(" \t\n,[]") not in ("", "NULL", "null"):
             self.lose(f"{where}: {' '.join(value.text[:40].split())} can't be written")
         return text
 

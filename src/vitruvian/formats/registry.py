@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vitruvian.errors import FileError, VitruvianError
+from vitruvian.errors import FileError, VitruvianError, warn
 
 if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Finding
@@ -21,14 +21,20 @@ SCENES = {
     ".x3dv": ("vrml", "read_vrml"),
     ".wrl": ("vrml", "read_vrml"),
     ".wrz": ("vrml", "read_vrml"),
+    ".x3dj": ("x3d_json", "read_json"),
 }
+# A .json file is what its key on top says: key -> extension of the same kind
+JSON_KINDS = {"X3D": ".x3dj"}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
-WRITERS = (".x3d", ".x3dv", ".wrl", ".glb", ".bvh", ".obj")
+# files that hold humanoids, a motion or a mesh: only reading them tells which
+FIGURES = dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), ("gltf_reader", "read_all"))
+USD = (".usda", ".usdc", ".usd", ".usdz")
+WRITERS = (".x3d", ".x3dv", ".wrl", ".x3dj", ".json", ".glb", ".vrm", ".vrma", ".bvh", ".obj", *USD)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -38,6 +44,26 @@ def _function(where: tuple[str, str]) -> Callable[..., Any]:
 def extension(path: Path) -> str:
     suffixes = [s.lower() for s in path.suffixes]
     return suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else (suffixes or [""])[-1]
+
+
+def kind(path: str | Path) -> str:
+    """The extension that says how to read a file: its own or, for .json, that of what the file's top holds.
+
+    FileError for a .json file of which nobody knows the kind.
+    """
+    path = Path(path)
+    form = extension(path)
+    if form != ".json":
+        return form
+    from vitruvian.formats.json_tree import top_keys
+
+    keys = top_keys(_existing(path))
+    for key in keys:
+        if key in JSON_KINDS:
+            return JSON_KINDS[key]
+    wanted = " or ".join(f'{{"{key}": ...}}' for key in JSON_KINDS)
+    found = ", ".join(repr(key[:30]) for key in keys[:4]) or "no object with keys"
+    raise FileError(path, 1, f"expected {wanted} at the top of a .json file, found {found}")
 
 
 def _existing(path: str | Path) -> Path:
@@ -52,37 +78,59 @@ def _existing(path: str | Path) -> Path:
 def scene(path: str | Path) -> Scene:
     """The scene graph of an X3D or VRML file. Raises `FileError` where it can't be read."""
     path = _existing(path)
-    where = SCENES.get(extension(path))
+    where = SCENES.get(kind(path))
     if where is None:
         raise VitruvianError(f"{path}: expected a scene ({', '.join(sorted(SCENES))})")
     return _function(where)(path)
 
 
 def humanoids(path: str | Path, *, repair: bool = False) -> list[Humanoid]:
-    """All humanoids of a scene file, in source order; [] when it holds none."""
+    """All humanoids of a scene, glTF or USD file, in source order; [] when it holds none."""
+    if extension(_existing(path)) in (*FIGURES, *USD):
+        return [thing for thing in contents(path) if hasattr(thing, "skin_coord")]
     from vitruvian.hanim.view import humanoids as view
 
     return view(scene(path), path, repair=repair)
 
 
+def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[Any]:
+    """Everything that a file holds: its humanoids, those of a USD file and then its other surfaces as one Mesh, or the one
+    thing that other files are. Errors and options as for `load`."""
+    path = _existing(path)
+    form = kind(path)
+    if form in SCENES:
+        return list(humanoids(path, repair=repair))
+    if form in READERS:
+        return [_function(READERS[form])(path, **options)]
+    if form in FIGURES:
+        found = _function(FIGURES[form])(path, **options)
+        return found if isinstance(found, list) else [found]
+    if form in USD:
+        from vitruvian.formats.usd_reader import read_usd
+
+        return list(read_usd(path))
+    known = ", ".join(sorted({*SCENES, *FIGURES, *READERS, *USD, ".json"}))
+    raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
+
+
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .wrl), `Motion` (.bvh) or `Mesh` (.obj).
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj
+    .ply .stl); glTF (.glb .gltf .vrm .vrma) may hold any of them. A .json file is what the key on its top says:
+    {"X3D": ...} is a scene.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
-    array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`).
+    array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`; glTF: `names`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
-    path = _existing(path)
-    form = extension(path)
-    if form in READERS:
-        return _function(READERS[form])(path, **options)
-    if form not in SCENES:
-        known = ", ".join(sorted({*SCENES, *READERS}))
-        raise VitruvianError(f"{path}: unknown kind of file; expected one of {known}")
-    found = humanoids(path, repair=repair)
+    found = contents(path, repair=repair, **options)
+    form = kind(Path(path))
+    if form in READERS or (form in FIGURES and found and not hasattr(found[0], "skin_coord")):
+        return found[0]
     if not found:
         raise FileError(path, 0, "expected a humanoid, found none")
     if name is None:
+        if len(found) > 1 and form not in SCENES:
+            warn(f"{path}: also holds {', '.join(t.name or '(no name)' for t in found[1:4])}; name= picks one")
         return found[0]
     for humanoid in found:
         if humanoid.name == name:
@@ -97,8 +145,10 @@ def save(
 ) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
-    Scene files also take a list of Humanoids and Clips: several figures, and several clips of one figure. Their options:
-    `motion` "interpolators" or "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
+    A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
+    Scene files are .x3d (XML), .x3dv (Classic), .x3dj or .json (JSON) and .wrl (VRML97). They also take a list of
+    Humanoids and Clips: several figures, and several clips of one figure. Their options: `motion` "interpolators" or
+    "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
 
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
@@ -125,12 +175,30 @@ def save(
         write_bvh(motion, path)
         if not isinstance(thing, Motion):
             report["lost"].append("everything but the skeleton and its motion")
+    elif form == ".vrma":
+        from vitruvian.formats.vrma import write_vrma
+
+        motion = thing if isinstance(thing, Motion) else _clip(thing, path).motion
+        if motion is None:
+            raise VitruvianError(f"{path}: expected a motion to write, found none")
+        report |= write_vrma(motion, path)
     elif isinstance(thing, Motion):
-        raise VitruvianError(f"{path}: a motion alone can be written as .bvh; apply it to a body for {form}")
+        raise VitruvianError(f"{path}: a motion alone can be written as .bvh or .vrma; apply it to a body for {form}")
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
         report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
+    elif form == ".vrm":
+        from vitruvian.formats.vrm import write_vrm
+
+        if isinstance(thing, Mesh):
+            raise VitruvianError(f"{path}: a VRM needs a humanoid; a mesh can be written as .glb or .obj")
+        report |= write_vrm(_clip(thing, path, clip), path, **options)
+    elif form in USD:
+        from vitruvian.formats.usd import write_usd
+
+        things = thing if isinstance(thing, list | tuple) else [thing]
+        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path, clip) for t in things], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
@@ -165,10 +233,31 @@ def _save_scene(
     things = list(thing) if isinstance(thing, list | tuple) else [thing]
     if not things:
         raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
-    humanoids = _with_clips(things, path, motion)
-    built, lost = scene_of(humanoids, version=hanim, encoding=extension[1:], draft=draft)
+    before: list[str] = []
+    humanoids = []
+    for humanoid in _with_clips(things, path, motion):
+        fitted, gone = _without_newer_joints(humanoid, extension, hanim)
+        humanoids.append(fitted)
+        before += gone
+    encoding = "x3dj" if extension == ".json" else extension[1:]
+    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft)
     write_scene(built, path)
-    return lost
+    return before + lost
+
+
+def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:
+    """What an older version of the standard can hold of an animated body: motion of joints that it lacks is carried."""
+    from vitruvian.hanim import tables
+
+    version = hanim or ("200x" if extension == ".wrl" else "2.0")
+    same = hanim is None and humanoid.scene is not None and (humanoid.scene.encoding == "wrl") == (extension == ".wrl")
+    newer = any(tables.canonical(j.name) and tables.name_in(j.name, version) is None for j in humanoid.joints())
+    if same or not newer or not (humanoid.tracks or humanoid.motions):
+        return humanoid, []
+    from vitruvian.motion.lowering import lowered
+
+    humanoid, lost, _ = lowered(humanoid, version)
+    return humanoid, lost
 
 
 def _with_clips(things: list[Any], path: Path, form: str) -> list[Humanoid]:
@@ -213,30 +302,89 @@ def write_scene(graph: Scene, path: str | Path) -> None:
         from vitruvian.formats.x3d import write_x3d
 
         write_x3d(graph, path)
+    elif graph.encoding == "x3dj":
+        from vitruvian.formats.x3d_json import write_json
+
+        write_json(graph, path)
     else:
         from vitruvian.formats.vrml import write_vrml
 
         write_vrml(graph, path)
 
 
-def check(path: str | Path) -> list[Finding]:
-    """What is wrong in an H-Anim file and what to do about it. A file that can't be read is a finding."""
+def check(path: str | Path, *, schema: bool = False) -> list[Finding]:
+    """What is wrong in an H-Anim file and what to do about it. A file that can't be read is a finding.
+
+    `schema` asks the X3D XML schema too (half a second once).
+    """
     from vitruvian.hanim.doctor import check as examine
-    from vitruvian.hanim.doctor import unreadable
+    from vitruvian.hanim.doctor import sort, unreadable
 
     try:
-        return examine(scene(path), path)
+        graph, found = _examined(path)
     except FileError as e:
-        return [unreadable(e)]
+        return [unreadable(e, _line(path, e.line))]
+    found = found + examine(graph, path)
+    if schema and graph.encoding == "x3d":
+        from vitruvian.formats.schema import complaints
+
+        found += complaints(path)
+    return sort(found)
 
 
-def fix(path: str | Path, out: str | Path) -> list[str]:
-    """Repair what has one right repair in an H-Anim file and write it in the same encoding; one line a repair."""
+def _line(path: str | Path, number: int) -> str:
+    """The text of a line of a file that could not be read, shortened; "" when it can't be shown."""
+    from itertools import islice
+
+    if number < 1:
+        return ""
+    try:
+        with open(path, "rb") as file:
+            text = next(islice(file, number - 1, None), b"")[:2000].decode("utf-8", "replace")
+    except OSError:
+        return ""
+    text = " ".join(text.split())
+    return (text if len(text) <= 80 else text[:77] + "...") if text.isprintable() else ""
+
+
+def _examined(path: str | Path) -> tuple[Scene, list[Finding]]:
+    """The scene of a file, read in spite of a wrong header, which is a finding (F01)."""
+    if extension(_existing(path)) in (*FIGURES, *USD):
+        return _as_scene(path), []
+    try:
+        return scene(path), []
+    except FileError:
+        from vitruvian.formats.header import recovered
+
+        path = _existing(path)
+        saved = recovered(path, extension(path))
+        if saved is None:
+            raise
+        return saved
+
+
+def _as_scene(path: str | Path) -> Scene:
+    """The humanoid of another kind of file as a scene that the doctor can look at; its findings have no lines."""
+    from vitruvian.hanim.build import scene_of
+
+    found = humanoids(path)
+    if not found:
+        raise VitruvianError(f"{path}: holds a motion or a mesh; the doctor looks at humanoids only")
+    return scene_of(found)[0]
+
+
+def fix(path: str | Path, out: str | Path, *, also: Iterable[str] = ()) -> list[str]:
+    """Repair what has one right repair in an H-Anim file and write it in the same encoding; one line a repair.
+
+    `also` names rules that are repaired on request only, "all" for all of them.
+    """
     from vitruvian.hanim.doctor_fix import mend
 
-    graph = scene(path)
-    done = mend(graph, path)
-    if extension(Path(out)) != f".{graph.encoding}":
+    graph, found = _examined(path)
+    done = [f"{f.message}: written anew (F01)" for f in found]
+    done += mend(graph, path, also=also)
+    form = extension(Path(out))
+    if form != f".{graph.encoding}" and (form, graph.encoding) != (".json", "x3dj"):
         raise VitruvianError(f"{out}: a repaired file keeps its encoding; expected .{graph.encoding}")
     write_scene(graph, out)
     return done

@@ -144,6 +144,42 @@ def put(fields: dict[str, object], name: str, item: Node | Use, type: str) -> li
     return None
 
 
+def cut_early(path: object, tops: list[Node], limits: Limits) -> list[Use]:
+    """Make USEs that stand before or inside their DEF stand for nothing; answers them. `tops`: nodes that no node holds.
+
+    For encodings in which fields were put into another order than they were read in. FileError when the USEs expand to
+    more nodes than `limits` allow.
+    """
+    cut: list[Use] = []
+    sizes: dict[int, int] = {}  # of nodes that are closed, USEs expanded
+    begun: set[int] = set()
+    for top in tops:
+        if id(top) in begun:
+            continue
+        begun.add(id(top))
+        stack = [(top, top.entries(), [1])]
+        while stack:
+            node, entries, size = stack[-1]
+            _, entry = next(entries, ("", None))
+            if entry is None:
+                stack.pop()
+                if size[0] > limits.expansion:
+                    raise FileError(path, node.line, f"USEs expand to more than {limits.expansion} nodes")
+                sizes[id(node)] = size[0]
+                if stack:
+                    stack[-1][2][0] += size[0]
+            elif isinstance(entry, Node):
+                if id(entry) not in begun:
+                    begun.add(id(entry))
+                    stack.append((entry, entry.entries(), [1]))
+            elif id(entry.node) in sizes:
+                size[0] += sizes[id(entry.node)]
+            elif entry.node is not None:
+                entry.node = None
+                cut.append(entry)
+    return cut
+
+
 def in_sight(outer: Mapping[str, Proto], body: list) -> dict[str, Proto]:
     """Prototypes in sight inside a body: those of the scopes around it and its own."""
     return {**outer, **{s.name: s for s in body if isinstance(s, Proto)}}

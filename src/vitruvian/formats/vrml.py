@@ -49,10 +49,13 @@ def read_vrml(path: str | os.PathLike[str], *, limits: Limits = LIMITS) -> Scene
     return parse_vrml(read_bytes(path, limits), path, limits=limits)
 
 
-def parse_vrml(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits = LIMITS) -> Scene:
-    """As `read_vrml`, from bytes; `path` is for messages."""
+def parse_vrml(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits = LIMITS, assume: str = "") -> Scene:
+    """As `read_vrml`, from bytes; `path` is for messages. `assume` is the header of a file that has no right one."""
     text = decode(path, data)
     header = _HEADER.match(text)
+    start = header.end() if header else 0
+    if header is None and assume:
+        header = _HEADER.match(assume)
     if header is None:
         if text.lstrip().startswith("<"):
             raise FileError(path, 1, "is XML, not Classic X3D or VRML; name it .x3d")
@@ -64,7 +67,7 @@ def parse_vrml(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits
     if rest.strip():
         scene.header_comments.append(Comment(rest.strip(), 1))
     refuse_crowds(path, text, "{", limits.nodes, "nodes")
-    reader = _Reader(path, text, header.end(), scene, limits)
+    reader = _Reader(path, text, start, scene, limits)
     with no_collection():
         run(reader.statements(scene.body, ""))
     reader.scopes.finish()

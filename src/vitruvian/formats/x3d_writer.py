@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from vitruvian.formats.atomic import atomic
 from vitruvian.formats.printer import Printer, Step, entries, run
 from vitruvian.formats.scopes import in_sight
-from vitruvian.hanim.fields import placement, type_of
+from vitruvian.hanim.fields import container_of, placement, type_of
 from vitruvian.hanim.graph import (
     Comment,
     Export,
@@ -138,7 +138,7 @@ class _XmlPrinter(Printer):
         if not instance:
             for key, value in node.fields.items():
                 head += self.attribute(node, key, value, protos)
-        head += self.container(node.container if item is node else item.container, parent, tag, False, field)
+        head += self.container(item, parent, tag, False, field)
         start = len(self.lines)
         if instance:
             yield from self.values(node, protos, depth + 1)
@@ -159,12 +159,17 @@ class _XmlPrinter(Printer):
         if not tag or not _NAME.fullmatch(tag):
             tag = "Group"
             self.lose(f"USE {name} stands for nothing, so its type is not known; written as a Group")
-        container = self.container(item.container, parent, tag, True, field)
+        container = self.container(item, parent, tag, True, field)
         self.line(depth, f"<{tag}{self.attributes(name=proto, USE=name)}{container}/>")
 
-    def container(self, written: str, parent: str, tag: str, use: bool, field: str) -> str:
-        """containerField where the file had it or where a reader would otherwise put the node elsewhere."""
-        if field and (written or placement(parent, tag, use) != field):
+    def container(self, item: Node | Use, parent: str, tag: str, use: bool, field: str) -> str:
+        """containerField where the file had it or where a reader would otherwise put the node elsewhere.
+
+        What was read from XML keeps its place as it came; all else is told also to those who don't guess as we do.
+        """
+        written = item.container
+        usual = placement(parent, tag, use) if self.scene.encoding == "x3d" and item.line else container_of(tag)
+        if field and (written or usual != field):
             written = field
         return self.attributes(containerField=written) if written else ""
 

@@ -79,7 +79,7 @@ def _motion(reading: Reading, node: Node, number: int, prefixes: tuple[str, ...]
     if duration <= 0:
         reading.defect("M17", f"motion {name}: frameDuration {duration:g} is read as 0.1 s", node)
         duration = 0.1
-    last = int(reading.number(node, "endFrame", 0))
+    last = int(reading.softly(node, "endFrame", "SFInt32", 0))  # type: ignore[call-overload]
     motion = MotionData(
         name=name,
         joints=joints,

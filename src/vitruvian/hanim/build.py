@@ -29,7 +29,7 @@ from vitruvian.hanim.humanoid import (
     Viewpoint,
 )
 from vitruvian.hanim.reading import Reading
-from vitruvian.hanim.segmenting import segmented
+from vitruvian.hanim.segmenting import segment as cut
 from vitruvian.hanim.studio import studio
 
 _SITES = {"pt", "tip", "view"}
@@ -41,14 +41,14 @@ def scene_of(
 ) -> tuple[Scene, list[str]]:
     """A scene that holds these humanoids, and a list of what it cannot say.
 
-    `encoding` "x3d", "x3dv" or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or "1.1" (VRML97
-    prototypes); names are converted to it. Without a version, humanoids that came together from one file of the same
+    `encoding`: "x3d", "x3dv", "x3dj" (JSON) or "wrl". `version` of H-Anim: "2.0" (X3D 4.0), "1.0" (X3D 3.3), "200x" or
+    "1.1" (VRML97 prototypes); names are converted to it. Without one, humanoids that came together from a file of the same
     family go back into their own scene graph, so that everything unknown to us survives; others are built afresh with
     2.0 names, or as 200x in VRML97. `draft` writes X3D 4.1 as drafted: HAnimPose, `motions_enabled`, `skin_displacers`
     and other nodes in `children` of the humanoid. Raises `VitruvianError` for combinations that do not exist.
     """
-    if encoding not in {"x3d", "x3dv", "wrl"}:
-        raise VitruvianError(f"encoding: expected x3d, x3dv or wrl, found {encoding!r}")
+    if encoding not in {"x3d", "x3dv", "x3dj", "wrl"}:
+        raise VitruvianError(f"encoding: expected x3d, x3dv, x3dj or wrl, found {encoding!r}")
     if not humanoids:
         raise VitruvianError("humanoids: expected at least one, found none")
     if draft and (encoding == "wrl" or version not in {None, "2.0"}):
@@ -172,10 +172,7 @@ class Builder:
         if self.version != "1.1" or not len(h.skin_coord):
             return h
         self.lost.append("the seamless skin: H-Anim 1.1 has none, its triangles went to the segments of their joints")
-        moved = sum(len(j.displacers) for j in h.joints())
-        if moved:
-            self.lost.append(f"{moved} displacers of joints: H-Anim 1.1 has them under segments only")
-        return segmented(h)
+        return cut(h)
 
     def node(self, kind: str, name: str = "") -> Node:
         """An H-Anim node: HAnimJoint in X3D, Joint in VRML97."""
@@ -230,7 +227,7 @@ class Builder:
     def _of_the_draft(self, h: Humanoid, root: Node, prefix: str, figure: Lists) -> None:
         """What X3D 4.1 adds: displacers of the humanoid itself, poses and other children."""
         if self.table != members.DRAFT:
-            gone = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
+            gone: dict[str, list] = {"displacers": h.skin_displacers, "poses": h.poses, "children": h.children}
             self.missing.update({f"Humanoid.{field}": len(things) for field, things in gone.items() if things})
             return
         if h.skin_displacers:

@@ -71,16 +71,16 @@ def _copy(top: Node, names: Names, taken: set[int]) -> Node | None:
                 continue
             entries: list[Node | Use] = []
             for v in many:
-                below = v.node if isinstance(v, Use) else v
-                if isinstance(v, Comment) or not isinstance(below, Node):
+                inner = v.node if isinstance(v, Use) else v
+                if isinstance(v, Comment) or not isinstance(inner, Node):
                     continue
-                there = made[id(below)]
-                if id(below) in placed:
+                there = made[id(inner)]
+                if id(inner) in placed:
                     entries.append(Use(there.name, there, container=there.container, type=there.type))
                 else:
-                    placed.add(id(below))
+                    placed.add(id(inner))
                     entries.append(there)
-                    stack.append(below)
+                    stack.append(inner)
             fields[field] = entries if isinstance(value, list) else entries[0]
     taken |= set(made)
     return made[id(top)]

@@ -82,7 +82,8 @@ def info_strings(h: Humanoid) -> list[str]:
 
     Of a key that stands twice the last value counts; all its strings stay until it is removed.
     """
-    out, last = [], {}
+    out: list[str] = []
+    last: dict[str, tuple[int, str]] = {}
     for text in h.info_given:
         key, _, value = (part.strip() for part in text.partition("="))
         if not text.strip() or key in h.info:

@@ -8,6 +8,8 @@ import numpy as np
 
 from vitruvian.hanim.graph import Literal, Node, Use
 from vitruvian.hanim.humanoid import Array, Material, Shape
+from vitruvian.hanim.normals import turned
+from vitruvian.hanim.polygons import closed, corner_loops
 from vitruvian.hanim.values import parse
 
 _NOT_NMTOKEN = re.compile(r"[^A-Za-z0-9_.-]")
@@ -64,35 +66,39 @@ class ShapeWriter:
         """
         if len(shape.triangles) == 0:
             return None
+        if shape.transform is not None and shape.points is None:
+            self.lost.add(f"the transform of skin shape {shape.name}")
+        shape = turned(shape)
         points = skin if shape.points is None else shape.points
         if points is None:
             return None
-        flip = False
-        if shape.transform is not None and shape.points is not None:
-            points = shape.points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
-            flip = float(np.linalg.det(shape.transform[:3, :3])) < 0
-        elif shape.transform is not None:
-            self.lost.add(f"the transform of skin shape {shape.name}")
         node = Node("Shape")
         if shape.name:
             node.name = self.names.free(prefix + shape.name.removeprefix(prefix))
         node.fields["appearance"] = self.appearance(shape.material, prefix)
-        node.fields["geometry"] = self._faces(shape, points, flip, prefix, coords)
+        node.fields["geometry"] = self._faces(shape, points, prefix, coords)
         return node
 
-    def _faces(self, shape: Shape, points: Array, flip: bool, prefix: str, coords: str) -> Node:
+    def _faces(self, shape: Shape, points: Array, prefix: str, coords: str) -> Node:
         faces = Node("IndexedFaceSet")
         fields = faces.fields
         fields["creaseAngle"] = float(min(shape.crease_angle, np.pi))
         if shape.material.double_sided:
             fields["solid"] = False
-        fields["coordIndex"] = _closed(shape.triangles, flip)
+        loops = corner_loops(shape)
+        fields["coordIndex"] = closed(shape.triangles, loops)
         if shape.uv is not None:
             uv_triangles = shape.triangles if shape.uv_triangles is None else shape.uv_triangles
             if not np.array_equal(uv_triangles, shape.triangles):
-                fields["texCoordIndex"] = _closed(uv_triangles, flip)
+                fields["texCoordIndex"] = closed(uv_triangles, loops)
         if shape.colors is not None:
             fields["colorPerVertex"] = True
+        if shape.normals is not None and shape.points is not None:
+            fields["normalPerVertex"] = True
+            if shape.normal_triangles is not None:
+                fields["normalIndex"] = closed(shape.normal_triangles, loops)
+            made = Node("Normal", fields={"vector": shape.normals})
+            fields["normal"] = self.share("normal", shape.normals, f"{prefix}normals", made)
         fields["coord"] = self.share("coord", points, coords, Node("Coordinate", fields={"point": points}))
         if shape.uv is not None:
             made = Node("TextureCoordinate", fields={"point": shape.uv})
@@ -100,8 +106,8 @@ class ShapeWriter:
         if shape.colors is not None:
             used = np.unique(shape.triangles)
             if len(used) < len(shape.colors):
-                local = np.searchsorted(used, shape.triangles)
-                fields["colorIndex"] = _closed(local, flip)
+                local = np.searchsorted(used, shape.triangles).astype(np.int32)
+                fields["colorIndex"] = closed(local, loops)
                 fields["color"] = Node("Color", fields={"color": np.clip(shape.colors[used], 0, 1)})
             else:
                 made = Node("Color", fields={"color": np.clip(shape.colors, 0, 1)})
@@ -155,9 +161,3 @@ def _texture_url(look: Material) -> tuple[str, ...]:
     if isinstance(url, Literal):
         url = parse(url, "MFString")
     return tuple([url] if isinstance(url, str) else url or ())  # type: ignore[arg-type]
-
-
-def _closed(triangles: np.ndarray, flip: bool) -> np.ndarray:
-    """Triangles as a coordIndex list with -1 behind each."""
-    rows = triangles[:, ::-1] if flip else triangles
-    return np.column_stack([rows, np.full(len(rows), -1)]).astype(np.int32).reshape(-1)

@@ -9,7 +9,8 @@ import numpy as np
 from vitruvian.errors import FileError
 from vitruvian.hanim.fields import fields_of, type_of
 from vitruvian.hanim.graph import Comment, Export, Import, Literal, Node, Proto, ProtoField, Route, Scene, Use
-from vitruvian.hanim.values import bare, default_of, parse, text_of, translate
+from vitruvian.hanim.json_values import number
+from vitruvian.hanim.values import bare, default_of, is_null, parse, text_of, translate
 
 _Pair = tuple[str, object, object, Mapping[str, Proto]]
 _RENAMED = {("Switch", "choice"): "children", ("LOD", "level"): "children", ("Collision", "collide"): "enabled"}
@@ -157,8 +158,12 @@ def _value(
 def _empty(value: object, kind: str) -> bool:
     if not isinstance(value, Literal):
         return value is None
-    empty = {"", "NULL"} if kind or value.syntax == "vrml" else {""}  # in XML, NULL of unknown type is a word
-    return bare(value).strip(" \t\n,[]") in (empty if kind else empty | {'""'})
+    if is_null(value):
+        return True
+    text = (value.text if value.syntax == "json" else bare(value)).strip(" \t\n,[]")
+    if kind or value.syntax == "vrml":  # in XML and JSON, NULL of unknown type is a word
+        return text in ("", "NULL") or (not kind and text == '""')
+    return _canonical(value, "") in ("", '""')
 
 
 def _values(where: str, one: object, other: object, kind: str, typed: bool) -> str:
@@ -188,8 +193,11 @@ def _canonical(value: object, kind: str) -> object:
             except FileError:
                 return " ".join(words.replace(",", " ").split()).strip("[ ]")
         else:
-            text = bare(value) if value.syntax == "vrml" else translate(value, "", "vrml") or value.text
-            return " ".join(text.replace(",", " ").split()).strip("[ ]")
+            plain = translate(value, "", "xml")
+            plain = bare(value) if plain is None else plain
+            text = translate(Literal(plain, "xml"), "", "vrml") or plain
+            found = text.replace(",", " ").strip("[ ]").split()
+            return " ".join(w if (n := number(w)) is None else repr(float(n)) for w in found)
     return None if value is None else text_of(value, kind, "vrml")
 
 

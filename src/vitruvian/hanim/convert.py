@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
+from vitruvian.hanim.folding import fold, stand_in
 from vitruvian.hanim.humanoid import Humanoid, Joint, MotionData, Segment, Site
 
 VERSIONS = ("2.0", "200x", "1.1", "1.0")
@@ -18,8 +17,9 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
 
     `version` is one of "2.0", "200x", "1.1", "1.0". Upwards every name is looked up in the alias tables; unknown names
     are custom and stay. Downwards joints that exist in 2.0 only, and standard joints above `loa`, are folded into their
-    nearest kept ancestor: geometry and sites move there, skin weights add up, their own animation is dropped. Arrays
-    are shared with the original, which stays as it is.
+    nearest kept ancestor (toes into the second ray, which stands for all): geometry, sites and displacers move there,
+    skin weights add up, their own animation is dropped (`vitruvian.motion.lowering` carries it). Arrays are shared with
+    the original, which stays as it is.
     """
     if version not in VERSIONS:
         raise VitruvianError(f"H-Anim version: expected one of {', '.join(VERSIONS)}, found {version!r}")
@@ -28,6 +28,8 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
     taken: set[str] = set()
     folded: dict[str, str] = {}
     roots: list[Joint] = []
+    folds: list[tuple[Joint, Joint]] = []
+    made: dict[str, Joint] = {}  # by 2.0 name
     stack: list[tuple[Joint, Joint | None]] = [(j, None) for j in reversed(humanoid.skeleton)]
     while stack:
         joint, parent = stack.pop()
@@ -35,8 +37,7 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
         if loa is not None and _level(joint.name) > loa:
             name = None
         if name is None and parent is not None:
-            _fold(joint, parent, lost)
-            folded[joint.name] = parent.name
+            folds.append((joint, parent))
             below = parent
         else:
             new = name or joint.name
@@ -50,8 +51,14 @@ def converted(humanoid: Humanoid, version: str, *, loa: int | None = None) -> tu
             )
             taken.add(below.name)
             keep[joint.name] = below.name
+            made.setdefault(tables.canonical(joint.name) or joint.name, below)
             (roots if parent is None else parent.joints).append(below)
         stack.extend((j, below) for j in reversed(joint.joints))
+    for joint, above in folds:
+        other = stand_in(tables.canonical(joint.name) or "", made)
+        into = above if other is None else made[other]
+        fold(joint, into, lost)
+        folded[joint.name] = into.name
     if folded:
         some = ", ".join(f"{a} into {b}" for a, b in list(folded.items())[:4]) + (", ..." if len(folded) > 4 else "")
         level = "" if loa is None else f" at LOA {loa}"
@@ -95,6 +102,7 @@ def _segment(segment: Segment, version: str) -> Segment:
         name=_there(segment.name, version, "segment") or segment.name,
         sites=[_site(s, version) for s in segment.sites],
         shapes=list(segment.shapes),
+        displacers=list(segment.displacers),
     )
 
 
@@ -110,30 +118,6 @@ def _site(site: Site, version: str) -> Site:
     if tables.family(version) == "1.x":
         suffix = suffix or "_pt"
     return replace(site, name=(new or plain) + suffix)
-
-
-def _fold(joint: Joint, into: Joint, lost: list[str]) -> None:
-    if joint.rotation[3] != 0 or joint.translation.any() or (joint.scale != 1).any():
-        lost.append(f"the rest transform of joint {joint.name}, folded into {into.name}")
-    for segment in joint.segments:
-        if not into.segments:
-            into.segments.append(Segment(name=f"{into.name}_segment"))
-        target = into.segments[0]
-        target.shapes = [*target.shapes, *segment.shapes]
-        target.sites = [*target.sites, *segment.sites]
-        if segment.displacers:
-            lost.append(f"displacers of segment {segment.name}, folded into {target.name}")
-        mass = target.mass + segment.mass
-        if mass:
-            center = target.mass * target.center_of_mass + segment.mass * segment.center_of_mass
-            target.center_of_mass = center / mass
-        target.mass = mass
-    into.sites = [*into.sites, *joint.sites]
-    into.displacers = [*into.displacers, *joint.displacers]
-    index = np.concatenate([into.skin_coord_index, joint.skin_coord_index]).astype(np.int32)
-    weight = np.concatenate([into.skin_coord_weight, joint.skin_coord_weight])
-    into.skin_coord_index, where = np.unique(index, return_inverse=True)
-    into.skin_coord_weight = np.bincount(where, weight, minlength=len(into.skin_coord_index)).astype(np.float64)
 
 
 def _motion(motion: MotionData, keep: dict[str, str]) -> MotionData:

@@ -1,18 +1,16 @@
-"""The doctor's rules about one humanoid: names, tree, versions, lists, skin, displacers."""
+"""The doctor's rules about one humanoid: its tree, version, lists of joints, and what hides it."""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from functools import cache
+from collections import Counter
 
 import numpy as np
 
 from vitruvian.hanim import tables
 from vitruvian.hanim.doctor import Chart
-from vitruvian.hanim.graph import Node
+from vitruvian.hanim.doctor_words import several, some
+from vitruvian.hanim.graph import Node, walk_all
 from vitruvian.hanim.view import name_of, walk_groups
-
-_STRANGERS = 100  # names that are not in the tables, for which a near one is looked up
 
 
 class Figure:
@@ -34,11 +32,16 @@ class Figure:
         self.points = chart.numbers(self.skin_coord, "point") if self.skin_coord is not None else np.zeros(0)
         self.points = self.points[: len(self.points) // 3 * 3].reshape(-1, 3)
         self.skin = [n for n in walk_all_groups(node.children("skin")) if n.type == "Shape"]
+        self.given = {chart.text(j, "name") for j in self.joints}
         self.names = {id(j): self.name(j) for j in self.joints}
 
     def name(self, node: Node) -> str:
-        """The node's own name, or the one that its DEF gives it."""
-        return self.chart.text(node, "name") or name_of(self.chart.reading, node, self.prefixes)
+        """The node's own name, or the one that its DEF gives it unless another joint has that one by right."""
+        own = self.chart.text(node, "name")
+        if own:
+            return own
+        derived = name_of(self.chart.reading, node, self.prefixes)
+        return node.name if derived in self.given else derived
 
     @property
     def prefixes(self) -> tuple[str, ...]:
@@ -96,84 +99,15 @@ def walk_all_groups(nodes: list[Node]) -> list[Node]:
 
 def examine(figure: Figure) -> None:
     """All rules about one humanoid."""
-    from vitruvian.hanim import doctor_pose, doctor_skin
+    from vitruvian.hanim import doctor_names, doctor_pose, doctor_skin, doctor_values
 
-    for rule in (_names, _tree, _version, _lists, _shown, _prototypes):
+    doctor_names.examine(figure)
+    for rule in (_tree, _gaps, _version, _lists, _shown, _prototypes):
         rule(figure)
     doctor_pose.examine(figure)
+    doctor_values.limits(figure)
+    doctor_values.masses(figure)
     doctor_skin.examine(figure)
-
-
-def together(chart: Chart, figures: list[Figure]) -> None:
-    """N08: several humanoids need names of their own."""
-    counts = Counter(chart.text(f.node, "name") for f in figures)
-    for f in figures:
-        name = chart.text(f.node, "name")
-        if not name:
-            chart.add("N08", f.node, "the humanoid has no name", "give it one")
-        elif counts[name] > 1:
-            chart.add(
-                "N08", f.node, f"{counts[name]} humanoids are called {name}: their DEF prefixes collide", "rename"
-            )
-
-
-def _names(figure: Figure) -> None:
-    add, text = figure.chart.add, figure.chart.text
-    things = [(j, "joint") for j in figure.joints] + [(s, "segment") for s, _ in figure.segments]
-    things += [(s, "site") for s in figure.sites]
-    strange = 0
-    for node, kind in things:
-        name = text(node, "name")
-        if not name:
-            derived = figure.name(node)
-            fix = f"name='{derived}'" if derived and tables.canonical(derived, kind) else "give it its standard name"
-            add("N01", node, f"{kind} without a name: nothing can address it", fix)
-        elif kind == "joint" and tables.canonical(name) is None:
-            strange += 1
-            near = _near(name) if strange < _STRANGERS else ""
-            if near:
-                add("N02", node, f"joint name {name} is not standard though close to one", f"name='{near}'")
-            else:
-                add("N03", node, f"joint name {name} is not in the tables: taken for an addition")
-    alike: dict[str, list[Node]] = defaultdict(list)
-    for joint in figure.joints:
-        alike[text(joint, "name")].append(joint)
-    for name, joints in alike.items():
-        if name and len(joints) > 1:
-            message = f"{len(joints)} joints are called {name}: motion drives one of them"
-            add("N04", joints[1], message, "rename the other")
-    for segment, joint in figure.segments:
-        own = tables.canonical(text(segment, "name"), "segment")
-        joint_name = tables.canonical(figure.name(joint))
-        if own and joint_name and tables.segments()[own] != joint_name:
-            wanted = tables.joints()[joint_name].segment
-            message = f"segment {own} hangs on joint {joint_name}, whose segment is {wanted}"
-            add("N07", segment, message, f"name='{wanted}'")
-
-
-@cache
-def _near(name: str) -> str:
-    """The one standard joint name (of either version) within two edits, "" when none or several."""
-    plain = "_".join(name.split()).lower()
-    words = [*tables.joints(), *tables.joints("1.x")]
-    for word in words:
-        if word.lower() == plain:
-            return word
-    if not 5 <= len(plain) <= 40 or any(c.isdigit() for c in plain):  # vt3 and vt4 are one edit apart and both right
-        return ""
-    found = {w: d for w in words if abs(len(w) - len(plain)) <= 2 and (d := _edits(plain, w)) <= 2}
-    nearest = [w for w, d in found.items() if d == min(found.values())]
-    return nearest[0] if len(nearest) == 1 else ""
-
-
-def _edits(a: str, b: str) -> int:
-    """Levenshtein distance."""
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        last, row[0] = row[0], i
-        for k, y in enumerate(b, 1):
-            last, row[k] = row[k], min(row[k] + 1, row[k - 1] + 1, last + (x != y))
-    return row[-1]
 
 
 def _tree(figure: Figure) -> None:
@@ -184,14 +118,21 @@ def _tree(figure: Figure) -> None:
         )
         return
     root = figure.name(figure.joints[0])
-    whole = {"l_hip", "r_hip", "vl5", "l_shoulder", "skullbase"} & {tables.canonical(n) for n in figure.names.values()}
-    if not tables.humanoid_root(root) and (whole or not tables.canonical(root)):  # a hand may start at its wrist
+    trunk = {"l_hip", "r_hip", "vl5", "l_shoulder", "skullbase"} & {tables.canonical(n) for n in figure.names.values()}
+    if not tables.humanoid_root(root) and (trunk or not tables.canonical(root)):  # a hand may start at its wrist
         fix = "make humanoid_root the root of the skeleton"
         add("T01", figure.joints[0], f"the skeleton starts at {root}, expected humanoid_root", fix)
     present = {tables.canonical(n) for n in figure.names.values()}
+    listed_ids = {id(n) for n in figure.listed}
+    again: dict[int, list[tuple[Node, Node]]] = {}
     for node, parent in figure.twice:
-        listed = "" if node in figure.listed else "; it is missing from joints, where it belongs"
-        message = f"joint {figure.name(node)} is reached twice (again under {figure.chart.reading.who(parent)}){listed}"
+        again.setdefault(id(node), []).append((node, parent))
+    for (node, parent), *more in again.values():
+        listed = "" if id(node) in listed_ids else "; it is missing from joints, where it belongs"
+        times = "twice" if not more else f"{len(more) + 2} times"
+        message = (
+            f"joint {figure.name(node)} is reached {times} (again under {figure.chart.reading.who(parent)}){listed}"
+        )
         add("T04", node, message + ": drawn and moved twice", "take the second one out of skeleton")
     for node in figure.joints:
         holder = figure.parent[id(node)]
@@ -216,43 +157,111 @@ def _ancestors(name: str) -> list[str]:
     return found
 
 
+def _gaps(figure: Figure) -> None:
+    """T05: standard joints of a child's own level that are missing between it and its parent."""
+    present = {tables.canonical(n) for n in figure.names.values()}
+    claim = figure.chart.numbers(figure.node, "loa")
+    claimed = float(claim[0]) if claim.size and np.isfinite(claim[0]) and whole(present) else -1.0  # V02 counts those
+    found: dict[str, tuple[Node, str, str]] = {}
+    for node in figure.joints:
+        holder = figure.parent[id(node)]
+        own = tables.canonical(figure.name(node))
+        above = tables.canonical(figure.name(holder)) if holder is not None else None
+        if own is None or above is None or above not in _ancestors(own):
+            continue
+        for name in _ancestors(own)[: _ancestors(own).index(above)]:
+            if above == tables.ROOT and not {"skullbase", "l_hip", "r_hip"} <= present:
+                continue  # a hand or a foot by itself starts where it starts
+            if claimed < tables.joints()[name].loa <= tables.joints()[own].loa and name not in present:
+                found.setdefault(name, (node, own, above))
+    if found:
+        (first, (node, own, above)), *_ = found.items()
+        what = several(len(found), "standard joint is", "standard joints are")
+        message = (
+            f"{what} missing between joints that are there ({some(list(found))}; {first} between {above} and {own})"
+        )
+        figure.chart.add("T05", node, message, f"add {first}; its motion goes to {above} meanwhile")
+
+
+def whole(names: set[str | None]) -> bool:
+    """Whether the joints (2.0 names) are those of a whole body rather than of a hand."""
+    return tables.ROOT in names and bool({"skullbase", "l_hip", "r_hip"} & names)
+
+
+def proper_version(figure: Figure) -> str:
+    """The version that fits the names of the joints and the kind of file: 2.0, 1.0 or 200x."""
+    if not figure.node.type.startswith("HAnim"):
+        return "200x"
+    names = {n for n in figure.names.values() if tables.canonical(n)} - {tables.ROOT, "HumanoidRoot"}
+    if any(tables.canonical(n) == n and n not in tables.joints("1.x") for n in names):
+        return "2.0"
+    if any(tables.canonical(n) != n for n in names):
+        return "1.0"
+    return "2.0" if figure.chart.scene.version >= "4" else "1.0"
+
+
+def wrong_version(figure: Figure) -> bool:
+    """V01: whether the version is given and is none that this kind of file has."""
+    if "version" not in figure.node.fields:
+        return False
+    native = figure.node.type.startswith("HAnim")
+    return figure.chart.text(figure.node, "version") not in (
+        {"1.0", "1.1", "2.0"} if native else {"1.0", "1.1", "200x"}
+    )
+
+
+def modern(figure: Figure) -> bool:
+    """Whether the humanoid says, or its file implies, that its names are those of 2.0."""
+    default = "2.0" if figure.chart.scene.version >= "4" else "1.0"
+    version = figure.chart.text(figure.node, "version") or default
+    return figure.node.type.startswith("HAnim") and tables.family(version) == "2.0"
+
+
+def expected_root(figure: Figure) -> str:
+    """V05: humanoid_root in X3D, HumanoidRoot in VRML97."""
+    return tables.ROOT if figure.node.type.startswith("HAnim") else "HumanoidRoot"
+
+
 def _version(figure: Figure) -> None:
     chart, node = figure.chart, figure.node
     names = [n for j in figure.joints if (n := chart.text(j, "name"))]
-    known = {tables.canonical(n) for n in names} - {None}
-    version = chart.text(node, "version")
-    native = node.type.startswith("HAnim")
-    if native and version and version not in {"1.0", "1.1", "2.0"}:
-        chart.add(
-            "V01", node, f"version {version!r}: X3D knows 1.0 and 2.0", "version='2.0' or '1.0', as the names are"
-        )
-    default = "2.0" if chart.scene.version >= "4" else "1.0"
-    modern = native and tables.family(version or default) == "2.0"
+    known = {k for name in figure.names.values() if (k := tables.canonical(name))}
+    if wrong_version(figure):
+        knows = "X3D knows 1.0 and 2.0" if node.type.startswith("HAnim") else "VRML97 knows 1.1 and 200x"
+        message = f"version {chart.text(node, 'version')!r}: {knows}"
+        chart.add("V01", node, message, f"version='{proper_version(figure)}'")
     old = [n for n in names if tables.canonical(n) not in (None, n) and not tables.humanoid_root(n)]
-    expected = tables.ROOT if native else "HumanoidRoot"
+    expected = expected_root(figure)
     root = next((j for j in figure.joints if tables.humanoid_root(chart.text(j, "name"))), None)
     if root is not None and chart.text(root, "name") != expected:
         message = f"the root is called {chart.text(root, 'name')}, in this kind of file it is {expected}"
         chart.add("V05", root, message, f"name='{expected}'")
-    if modern and old:
-        some = ", ".join(old[:3]) + (", ..." if len(old) > 3 else "")
-        message = f"{len(old)} joints of a 2.0 humanoid have older names ({some}): motion and tools miss them"
+    if modern(figure) and old:
+        what = several(len(old), "joint", "joints")
+        message = f"{what} of a 2.0 humanoid with older names ({some(old)}): motion and tools miss them"
         chart.add("V04", node, message, "rename by the alias table: convert --hanim 2.0")
+    parts = [chart.text(s, "name") for s, _ in figure.segments]
+    parts = [n for n in parts if tables.canonical(n, "segment") not in (None, n)]
+    if modern(figure) and parts:
+        what = several(len(parts), "segment", "segments")
+        chart.add(
+            "V04", node, f"{what} of a 2.0 humanoid with older names ({some(parts)})", "rename by the alias table"
+        )
     claim = chart.numbers(node, "loa")
-    whole = tables.ROOT in known and {"skullbase", "l_hip", "r_hip"} & known
     if not claim.size or not np.isfinite(claim[0]) or not 0 <= claim[0] <= 4:
         return
-    loa = int(claim[0])
+    loa, best = int(claim[0]), tables.complete_loa(known)
     missing = [n for n in tables.joints_at(loa) if n not in known]
-    beyond = [n for n in known if n and tables.joints()[n].loa > loa]
-    if whole and missing:
-        best = tables.complete_loa(k for k in known if k)
-        some = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
-        message = f"claims level of articulation {loa} but {len(missing)} of its joints are missing ({some})"
+    beyond = sorted(n for n in known if tables.joints()[n].loa > loa)
+    if whole(set(known)) and missing:
+        message = f"claims level of articulation {loa} but {len(missing)} of its joints are missing ({some(missing)})"
         chart.add("V02", node, message, f"loa='{best}'")
     if beyond:
-        message = f"claims level {loa} but has {len(beyond)} joints of higher levels ({sorted(beyond)[0]}, ...)"
-        chart.add("V03", node, message, "raise the claim when the set is complete, or loa='-1'")
+        message = (
+            f"claims level {loa} but has {several(len(beyond), 'joint', 'joints')} of higher levels ({beyond[0]}, ...)"
+        )
+        fix = f"loa='{best}'" if best > loa else "legal: no higher level is complete"
+        chart.add("V03", node, message, fix)
 
 
 def _lists(figure: Figure) -> None:
@@ -265,17 +274,20 @@ def _lists(figure: Figure) -> None:
         message = f"joints is empty: X_ITE keeps the rest pose of all {len(figure.joints)} joints"
         add("M01", node, message, "list every joint by USE with containerField='joints'")
     elif absent:
-        some = ", ".join(figure.name(j) for j in absent[:3]) + (", ..." if len(absent) > 3 else "")
-        message = f"{len(absent)} joints of the skeleton are not in joints ({some}): X_ITE does not move their skin"
+        names = some([figure.name(j) for j in absent])
+        what = several(len(absent), "joint", "joints")
+        message = f"{what} of the skeleton missing in joints ({names}): X_ITE does not move their skin"
         add("M01", node, message, "list every joint by USE with containerField='joints'")
     again = [n for n in figure.listed if counts[id(n)] > 1]
     if again:
         number = len({id(n) for n in again})
-        message = f"{number} joints are listed twice in joints ({figure.name(again[0])}, ...): their weights act twice"
+        what = several(number, "joint is", "joints are")
+        message = f"{what} listed twice in joints ({figure.name(again[0])}, ...): their weights act twice"
         add("M02", node, message, "list each joint once")
     strangers = [n for n in figure.listed if id(n) not in figure.parent]
     if strangers:
-        message = f"{len(strangers)} entries of joints are not in the skeleton ({figure.name(strangers[0])})"
+        what = several(len(strangers), "entry of joints is", "entries of joints are")
+        message = f"{what} not in the skeleton ({figure.name(strangers[0])})"
         add("M03", strangers[0], message + ": the copy turns, the skeleton does not", "replace the copy by a USE")
 
 
@@ -288,15 +300,51 @@ def _prototypes(figure: Figure) -> None:
 def _shown(figure: Figure) -> None:
     """M19: what hides the humanoid; M21: geometry that no joint carries."""
     chart, add = figure.chart, figure.chart.add
-    for node in [*chart.above(figure.node), figure.node]:
+    below = figure.node
+    for node in [figure.node, *chart.above(figure.node)]:
         if chart.flag(node, "visible") is False:
             add("M19", node, "visible is FALSE: nothing below it is drawn", "visible='true'")
-        if node.type == "Switch" and not (chart.numbers(node, "whichChoice") >= 0).any():
-            add("M19", node, "a Switch above the humanoid has whichChoice -1: it is hidden", "whichChoice='0'")
-        if node.type == "Transform" and node is not figure.node and (chart.numbers(node, "scale") == 0).any():
+        if node.type in {"Switch", "LOD"} and node is not figure.node:
+            levels = node.children("children") or node.children("choice") or node.children("level")
+            place = next((k for k, n in enumerate(levels) if n is below), 0)
+            choice = chart.numbers(node, "whichChoice")
+            which = int(choice[0]) if choice.size and abs(choice[0]) < 2**31 else -1
+            if node.type == "Switch" and which != place:
+                message = f"a Switch above the humanoid has whichChoice {which}: it is hidden"
+                add("M19", node, message, f"whichChoice='{place}'")
+            elif node.type == "LOD" and place:
+                add("M19", node, f"a LOD above the humanoid shows it only at level {place}: hidden when near", "")
+        if node.type == "Transform" and (chart.numbers(node, "scale") == 0).any():
             add("M19", node, "a Transform above the humanoid has scale 0: it is hidden", "give a positive scale")
+        below = node
+    for owner, kind, _, shapes in loose_shapes(figure):
+        what = several(len(shapes), "shape stands", "shapes stand")
+        message = f"{what} in {kind} {figure.name(owner)} outside any Segment or skin"
+        add("M21", shapes[0], message, "put them into the Segment that they belong to")
+
+
+def loose_shapes(figure: Figure) -> list[tuple[Node, str, list[Node], list[Node]]]:
+    """M21: owner, its kind, its children that hold shapes outside any Segment or skin, and those shapes."""
+    found = []
     for owner, kind in [(figure.node, "humanoid"), *((j, "joint") for j in figure.joints)]:
-        loose = [n for n in walk_groups(chart.reading, owner.children("children")) if n.type == "Shape"]
-        if loose:
-            message = f"{len(loose)} shapes stand in {kind} {figure.name(owner)} outside any Segment or skin"
-            add("M21", loose[0], message, "put them into the Segment that they belong to")
+        holders, shapes = [], []
+        for child in owner.children("children"):
+            inside = [n for n in walk_groups(figure.chart.reading, [child]) if n.type == "Shape"]
+            shapes += inside
+            holders += [child] if inside else []
+        if shapes:
+            found.append((owner, kind, holders, shapes))
+    return found
+
+
+def unattached(chart: Chart, figures: list[Figure]) -> None:
+    """D06: sites that no joint, segment or humanoid carries."""
+    held = {id(s) for f in figures for s in f.sites}
+    held |= {id(n) for f in figures for n in walk_all(f.node.children("viewpoints"))}
+    lost = [n for n in chart.nodes if chart.reading.kind(n) == "Site" and id(n) not in held]
+    if lost:
+        names = some([chart.text(n, "name") or n.name or "(no name)" for n in lost])
+        what = several(len(lost), "site hangs", "sites hang")
+        chart.add(
+            "D06", lost[0], f"{what} under no joint or segment of a skeleton ({names})", "put it under its segment"
+        )

@@ -1,252 +1,183 @@
-"""The doctor's repairs: what has one right answer is put right in the graph, everything else stays as it is."""
+"""The doctor's repairs: what has one right answer is put right in the graph, everything else stays as it is.
+
+Each step is a function of a figure (or of the whole scene) that changes the graph and yields what it did in words,
+with the rule in brackets. Which rules are repaired always and which on request stands in `doctor_rules`.
+"""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
-import numpy as np
-
-from vitruvian.hanim import surface, tables
+from vitruvian.errors import VitruvianError
 from vitruvian.hanim.doctor import Chart
 from vitruvian.hanim.doctor_figure import Figure
-from vitruvian.hanim.fields import container_of
-from vitruvian.hanim.graph import Node, Scene, Use
-from vitruvian.hanim.view import humanoids
+from vitruvian.hanim.doctor_rules import RULES
+from vitruvian.hanim.graph import Export, Node, Route, Scene, Use
+
+_PASSES = 4  # one repair may uncover another: a dropped pair leaves a sum of weights that is not 1
+_FIGURES = 100  # humanoids of a file that are repaired
+Wanted = frozenset[str]
 
 
-def mend(scene: Scene, path: object = None) -> list[str]:
+def requested(also: Iterable[str]) -> Wanted:
+    """The rules that are repaired: those always repaired and those asked for ("all" for every one that can be).
+
+    VitruvianError for a rule that does not exist or has no repair.
+    """
+    always = {r.id for r in RULES.values() if r.auto in {"yes", "part"}}
+    more = set()
+    for word in also:
+        if word.lower() == "all":
+            more |= {r.id for r in RULES.values() if r.auto in {"opt", "part"}}
+            continue
+        rule = RULES.get(word.upper())
+        if rule is None or rule.auto == "no":
+            able = " ".join(r.id for r in RULES.values() if r.auto in {"opt", "part"})
+            what = "is no rule" if rule is None else "has no repair"
+            raise VitruvianError(f"--also: {word} {what}; expected some of {able}, or all")
+        more.add(rule.id)
+    return frozenset(always | {f"{rule}+" for rule in more} | more)
+
+
+def mend(scene: Scene, path: object = None, *, also: Iterable[str] = ()) -> list[str]:
     """Repair a scene in place; answers one line per repair, [] when there was nothing to do (so: idempotent).
 
-    Numbers that are not finite, indices outside their array and counts that do not fit are dropped; lists of joints,
-    containerFields, skinCoord, names, versions, levels, weights and limits are put right where only one answer fits.
+    `also` names rules that are repaired only on request (`auto` "opt", and all of "part"), "all" for all of them.
+    Of a file with more than a hundred humanoids the first hundred are repaired.
     """
+    from vitruvian.hanim import (
+        doctor_fix_file,
+        doctor_fix_motion,
+        doctor_fix_names,
+        doctor_fix_pose,
+        doctor_fix_skin,
+        doctor_fix_values,
+    )
+
+    wanted = requested(also)
+    of_scene: list[Callable[[Chart, Wanted], Iterator[str]]] = [*doctor_fix_file.STEPS, *doctor_fix_values.SCENE_STEPS]
+    of_figure: list[Callable[[Figure, Wanted], Iterator[str]]] = [
+        *doctor_fix_names.STEPS,
+        *doctor_fix_values.STEPS,
+        *doctor_fix_skin.STEPS,
+        *doctor_fix_pose.STEPS,
+        *doctor_fix_motion.STEPS,
+    ]
     done: list[str] = []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        humanoids(scene, path, repair=True)
-    done += [str(w.message) for w in said if "repaired:" in str(w.message)]
-    chart = Chart(scene, path)
-    taken = set(scene.defs())
-    for node in [n for n in scene.walk() if chart.reading.kind(n) == "Humanoid"]:
-        for step in (_places, _skeleton, _joints, _skin_coord, _names, _version, _weights, _limits, _motions):
-            chart = Chart(scene, path)  # each step sees what the one before it left
-            where = f"humanoid {chart.text(node, 'name') or node.name}"
-            done += [f"{where}: {what}" for what in step(Figure(chart, node), taken)]
+    for _ in range(_PASSES):
+        lines: list[str] = []
+        chart = Chart(scene, path)  # made anew after each change: every step sees what the one before it left
+        for scene_step in of_scene:
+            said = list(scene_step(chart, wanted))
+            chart = Chart(scene, path) if said else chart
+            lines += said
+        for node in [n for n in chart.nodes if chart.reading.kind(n) == "Humanoid"][:_FIGURES]:
+            figure = Figure(chart, node)
+            for step in of_figure:
+                where = f"humanoid {figure.chart.text(node, 'name') or node.name}".strip()
+                said = [f"{where}: {what}" for what in step(figure, wanted)]
+                figure = Figure(Chart(scene, path), node) if said else figure
+                lines += said
+            chart = figure.chart
+        for scene_step in doctor_fix_motion.SCENE_STEPS:
+            said = list(scene_step(chart, wanted))
+            chart = Chart(scene, path) if said else chart
+            lines += said
+        done += lines
+        if not lines:
+            break
     return done
 
 
-def _entries(node: Node, field: str) -> list[Node | Use]:
+def entries(node: Node, field: str) -> list[Node | Use]:
+    """Nodes and USEs of a node-valued field."""
     value = node.fields.get(field)
     return [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, Node | Use)]
 
 
-def _free(taken: set[str], wanted: str) -> str:
-    name, n = wanted, 2
-    while name in taken:
-        name, n = f"{wanted}_{n}", n + 1
-    taken.add(name)
-    return name
+def target(entry: Node | Use) -> Node | None:
+    """The node behind an entry."""
+    return entry.node if isinstance(entry, Use) else entry
 
 
-def _places(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """F06: nodes into the fields where they belong, containerField written out."""
-    node, kind = figure.node, figure.chart.reading.kind
-    if not node.type.startswith("HAnim"):
-        return
-    stray = {"HAnimSegment": "segments", "HAnimMotion": "motions", "Coordinate": "skinCoord", "Normal": "skinNormal"}
-    value = node.fields.get("children")
+def take(node: Node, field: str, entry: Node | Use) -> None:
+    """Take an entry out of a field; the field goes when nothing is left in it."""
+    value = node.fields.get(field)
     if isinstance(value, list):
-        for entry in list(value):
-            target = entry.node if isinstance(entry, Use) else entry
-            if not isinstance(target, Node):
-                continue
-            field = stray.get(target.type, "")
-            if kind(target) in {"Joint", "Site"}:
-                field = {"Joint": "joints", "Site": "sites"}[kind(target)] if isinstance(entry, Use) else "skeleton"
-            if field:
-                value.remove(entry)
-                node.fields[field] = [*_entries(node, field), entry]
-                entry.container = field
-                node.order = []
-                yield f"{target.type} {entry.name} moved from children to {field} (F06)"
-        if not value:
-            del node.fields["children"]
-    for field, entry in node.entries():
-        target = entry.node if isinstance(entry, Use) else entry
-        if target is not None and not entry.container and container_of(target.type) != field and entry.line:
-            entry.container = field
-            yield f"{target.type} {entry.name} given containerField='{field}' (F06)"
-    for owner in (*figure.joints, *(s for s, _ in figure.segments)):
-        loose = [n for n in _entries(owner, "children") if isinstance(n, Node) and kind(n) == "Displacer"]
-        for entry in loose:
-            owner.fields["children"] = [n for n in _entries(owner, "children") if n is not entry]
-            owner.fields["displacers"] = [*_entries(owner, "displacers"), entry]
-            entry.container, owner.order = "displacers", []
-            yield f"displacer {entry.name} moved to displacers (F06)"
-
-
-def _skeleton(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """T04: each joint once in the skeleton."""
-    for joint, parent in figure.twice:
-        field = "children"
-        if parent is figure.node:
-            field = "skeleton" if figure.node.children("skeleton") else "humanoidBody"
-        entries = _entries(parent, field)
-        at = [k for k, e in enumerate(entries) if (e.node if isinstance(e, Use) else e) is joint]
-        uses = [k for k in at if isinstance(entries[k], Use)]
-        if uses:
-            entries.pop(uses[-1])
-            parent.fields[field] = entries
-            parent.order = []
-            yield f"second {figure.name(joint)} taken out of {field} (T04)"
-
-
-def _joints(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """M01, M02, M03: `joints` lists every joint of the skeleton once, by USE."""
-    node = figure.node
-    if not figure.joints or not node.type.startswith("HAnim"):
-        return
-    kind = figure.chart.reading.kind
-    listed = _entries(node, "joints")
-    targets = [e.node if isinstance(e, Use) else e for e in listed]
-    joints = [(e, t) for e, t in zip(listed, targets) if t is None or kind(t) == "Joint"]
-    right = sorted(id(j) for j in figure.joints)
-    if right == sorted(id(t) for _, t in joints) and all(isinstance(e, Use) for e, _ in joints):
-        return
-    kept: list[Node | Use] = [e for e, t in zip(listed, targets) if t is not None and kind(t) != "Joint"]
-    for joint in figure.joints:
-        joint.name = joint.name or _free(taken, f"hanim_{figure.name(joint)}")
-        kept.append(Use(joint.name, joint, container="joints", type=joint.type))
-    # the list must stand behind the skeleton, so that no USE comes before its DEF
-    node.fields.pop("joints", None)
-    node.fields["joints"] = kept
+        rest = [v for v in value if v is not entry]
+        node.fields[field] = rest
+        if not any(isinstance(v, Node | Use) for v in rest):
+            del node.fields[field]
+    elif value is entry:
+        del node.fields[field]
     node.order = []
-    yield f"joints lists the {len(figure.joints)} joints of the skeleton, each once (M01, M02, M03)"
 
 
-def _skin_coord(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """M04: the skin's geometry and skinCoord share one Coordinate, when the points are the same."""
-    node = figure.node
-    coords = [c for s in figure.skin for g in s.children("geometry") if (c := surface.coordinate(g)) is not None]
-    weighted = any(figure.chart.numbers(j, "skinCoordWeight").any() for j in figure.joints)
-    if not coords or not weighted or figure.skin_coord in coords:
-        return
-    points = figure.chart.numbers(coords[0], "point")
-    if figure.skin_coord is not None and not np.array_equal(points.reshape(-1), figure.points.reshape(-1)):
-        return
-    coords[0].name = coords[0].name or _free(taken, "hanim_skin_coords")
-    node.fields.pop("skinCoord", None)
-    node.fields["skinCoord"] = [Use(coords[0].name, coords[0], container="skinCoord", type=coords[0].type)]
+_LISTS = ("joints", "segments", "sites")
+
+
+def put(node: Node, field: str, entry: Node | Use) -> None:
+    """Add an entry to a field. A DEF goes before the lists that USE it."""
+    entry.container = field
+    value = node.fields.get(field)
+    if isinstance(value, list):
+        value.append(entry)
+    elif value is None or not isinstance(value, Node | Use):
+        node.fields[field] = [entry]
+    else:
+        node.fields[field] = [value, entry]
+    if isinstance(entry, Node) and field not in _LISTS:
+        late = {f: node.fields.pop(f) for f in list(node.fields) if f in _LISTS}
+        node.fields.update(late)
     node.order = []
-    yield f"skinCoord is a USE of {coords[0].name} (M04)"
 
 
-def _names(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """N01, V04, V05, N08: standard names where they follow from DEF or alias."""
-    chart, node = figure.chart, figure.node
-    default = "2.0" if chart.scene.version >= "4" else "1.0"
-    modern = node.type.startswith("HAnim") and tables.family(chart.text(node, "version") or default) == "2.0"
-    present = {chart.text(j, "name") for j in figure.joints}
-    things = [(j, "joint") for j in figure.joints] + [(s, "segment") for s, _ in figure.segments]
-    for thing, kind in [*things, *((s, "site") for s in figure.sites)]:
-        name = chart.text(thing, "name")
-        if not name:
-            derived = figure.name(thing)
-            if derived and tables.canonical(derived, kind) and derived not in present:
-                thing.fields["name"] = derived
-                yield f"{kind} {thing.name} is named {derived} (N01)"
-        elif modern and kind != "site":
-            new = tables.canonical(name, kind)
-            if new is not None and new != name and new not in present:
-                thing.fields["name"] = new
-                yield f"{kind} {name} is named {new} (V04)"
-    if not chart.text(node, "name"):
-        node.fields["name"] = node.name.removeprefix("hanim_") or "humanoid"
-        yield f"is named {node.fields['name']} (N08)"
+class Names:
+    """DEF names of a scene: which are taken, and who must follow when one changes."""
 
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.taken = {n.name for n in scene.walk() if n.name}
+        self.last: dict[str, int] = {}  # the number that a name was given last
+        self.uses: dict[int, list[Use]] = {}
+        for node in scene.walk():
+            for _, entry in node.entries():
+                if isinstance(entry, Use) and entry.node is not None:
+                    self.uses.setdefault(id(entry.node), []).append(entry)
+        self.routes: dict[str, list[Route]] = {}
+        self.exports: dict[str, list[Export]] = {}
+        for statement in scene.body:
+            if isinstance(statement, Use) and statement.node is not None:
+                self.uses.setdefault(id(statement.node), []).append(statement)
+            elif isinstance(statement, Route):
+                for end in {statement.from_node, statement.to_node}:
+                    self.routes.setdefault(end, []).append(statement)
+            elif isinstance(statement, Export):
+                self.exports.setdefault(statement.name, []).append(statement)
 
-def _version(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """V01, V02, V03: version and level of articulation say what is there."""
-    chart, node = figure.chart, figure.node
-    known = {n for name in figure.names.values() if (n := tables.canonical(name))}
-    version = chart.text(node, "version")
-    if node.type.startswith("HAnim") and version and version not in {"1.0", "1.1", "2.0"}:
-        node.fields["version"] = "2.0" if chart.scene.version >= "4" else "1.0"
-        yield f"version {version} is {node.fields['version']} (V01)"
-    claim = chart.numbers(node, "loa")
-    if not claim.size or claim[0] < 0 or not {tables.ROOT, "skullbase"} <= known:
-        return
-    best = tables.complete_loa(known)
-    if best != claim[0]:
-        node.fields["loa"] = best
-        yield f"loa {claim[0]:g} is {best} (V02, V03)"
+    def free(self, wanted: str) -> str:
+        """`wanted`, numbered when it is taken; taken from now on."""
+        name, n = wanted, self.last.get(wanted, 1)
+        while name in self.taken:
+            n += 1
+            name = f"{wanted}_{n}"
+        self.last[wanted] = n
+        self.taken.add(name)
+        return name
 
+    def rename(self, node: Node, new: str, *, alone: bool = True) -> None:
+        """Give a node another DEF; USEs, ROUTEs and EXPORTs follow.
 
-def _weights(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """S01, S06, S03: as many weights as indices, each vertex once per joint, sums of 1."""
-    chart = figure.chart
-    if figure.skin_coord is None or not len(figure.points):
-        return
-    pairs: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-    changed: set[int] = set()
-    total = np.zeros(len(figure.points))
-    for joint in figure.joints:
-        index, weight = chart.indices(joint, "skinCoordIndex"), chart.numbers(joint, "skinCoordWeight")
-        if len(index) != len(weight):
-            if 0 < len(weight) < len(index):
-                weight = np.concatenate([weight, np.full(len(index) - len(weight), weight[-1])])
-            n = min(len(index), len(weight))
-            index, weight = index[:n], weight[:n]
-            changed.add(id(joint))
-            yield f"joint {figure.name(joint)} has {n} weights for {n} indices (S01)"
-        if len(np.unique(index)) < len(index):
-            index, where = np.unique(index, return_inverse=True)
-            weight = np.bincount(where, weight, minlength=len(index)).astype(np.float64)
-            changed.add(id(joint))
-            yield f"joint {figure.name(joint)} names each vertex once (S06)"
-        pairs[id(joint)] = (index, weight)
-        np.add.at(total, index, weight)
-    off = (total > 0) & (np.abs(total - 1) > 1e-3)
-    if off.any():
-        yield f"weights of {int(off.sum())} vertices sum to 1 (S03)"
-    for joint in figure.joints:
-        index, weight = pairs[id(joint)]
-        if off[index].any():
-            weight = np.where(off[index], weight / np.where(total[index] > 0, total[index], 1), weight)
-            changed.add(id(joint))
-        if id(joint) in changed:
-            joint.fields["skinCoordIndex"] = index.astype(np.int32)
-            joint.fields["skinCoordWeight"] = weight
-
-
-def _limits(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """D05: lower limits below upper ones, stiffness in 0..1."""
-    chart = figure.chart
-    for joint in figure.joints:
-        low, high = chart.numbers(joint, "llimit"), chart.numbers(joint, "ulimit")
-        if len(low) == len(high) == 3 and (low > high).any():
-            joint.fields["llimit"], joint.fields["ulimit"] = np.minimum(low, high), np.maximum(low, high)
-            yield f"limits of joint {figure.name(joint)} swapped (D05)"
-        stiffness = chart.numbers(joint, "stiffness")
-        if ((stiffness < 0) | (stiffness > 1)).any():
-            joint.fields["stiffness"] = np.clip(stiffness, 0, 1)
-            yield f"stiffness of joint {figure.name(joint)} clamped to 0..1 (D05)"
-
-
-def _motions(figure: Figure, taken: set[str]) -> Iterator[str]:
-    """M14, M16: enabled and loop written out, joints called as the skeleton calls them."""
-    chart = figure.chart
-    names = set(figure.names.values())
-    known = {tables.canonical(n): n for n in names if tables.canonical(n)}
-    for motion in figure.node.children("motions"):
-        for field, value in (("enabled", True), ("loop", True)):
-            if chart.flag(motion, field) is None:
-                motion.fields[field] = value
-                yield f"motion {motion.name}: {field} is {value} (M14)"
-        words = chart.text(motion, "joints").replace(",", " ").replace('"', " ").split()
-        new = [w if w in names else known.get(tables.canonical(w) or "", w) for w in words]
-        if new != words:
-            motion.fields["joints"] = " ".join(new)
-            changed = ", ".join(f"{a} is {b}" for a, b in zip(words, new) if a != b)
-            yield f"motion {motion.name}: joints as the skeleton calls them: {changed} (M16)"
+        When another node has the old name too (`alone` False), only ROUTEs after this node mean it.
+        """
+        old, node.name = node.name, new
+        for use in self.uses.get(id(node), ()):
+            use.name = new
+        for route in self.routes.pop(old, []):
+            follows = alone or not route.line or route.line >= node.line
+            if follows:
+                route.from_node = new if route.from_node == old else route.from_node
+                route.to_node = new if route.to_node == old else route.to_node
+            self.routes.setdefault(new if follows else old, []).append(route)
+        for export in self.exports.pop(old, []) if alone else ():
+            export.alias, export.name = export.alias or old, new

@@ -184,3 +184,8 @@ def placement(parent_type: str, child_type: str, use: bool) -> str:
     if parent_type == "MetadataSet" and child_type.startswith("Metadata"):
         return "value"
     return container_of(child_type)
+
+
+def node_types() -> list[str]:
+    """All node types of the tables."""
+    return [*_x3d(), *_hanim()]

@@ -1,7 +1,7 @@
 """The scene graph as it stands in a file: every node, known or not, in source order.
 
-Readers of all encodings (X3D XML, Classic X3D, VRML97) build this; writers print it. Field values stay source text
-(`Literal`) until somebody asks for them by type, so that what nobody touches is written back as it was read.
+Readers of all encodings (X3D XML, Classic X3D, X3D JSON, VRML97) build this; writers print it. Field values stay source
+text (`Literal`) until somebody asks for them by type, so that what nobody touches is written back as it was read.
 The typed H-Anim objects of `vitruvian.hanim.humanoid` are a view on it.
 """
 
@@ -16,11 +16,11 @@ class Literal:
     """Source text of a field's value, not yet interpreted.
 
     `text` is the inside of the XML attribute after unescaping ("xml") or the tokens with their quotes, brackets kept,
-    as they stood ("vrml": VRML97 and Classic X3D).
+    as they stood ("vrml": VRML97 and Classic X3D; "json").
     """
 
     text: str
-    syntax: str  # "xml" | "vrml"
+    syntax: str  # "xml" | "vrml" | "json"
     line: int = 0
 
 
@@ -157,7 +157,8 @@ Statement = Node | Use | Comment | Route | Proto | Import | Export
 class Scene:
     """A whole file: header facts and the statements in source order.
 
-    `encoding` is "x3d" (XML), "x3dv" (Classic) or "wrl" (VRML97); `version` that of the header ("4.0", "3.3", "2.0").
+    `encoding` is "x3d" (XML), "x3dv" (Classic), "x3dj" (JSON) or "wrl" (VRML97); `version` that of the header ("4.0",
+    "3.3", "2.0").
     """
 
     path: str = ""
@@ -188,12 +189,19 @@ class Scene:
 
 def walk_all(nodes: list[Node]) -> Iterator[Node]:
     """Every node in and below `nodes` once, depth first; USEs are not entered."""
-    stack: list[Node | Use] = list(reversed(nodes))
+    stack = list(reversed(nodes))
     seen: set[int] = set()
     while stack:
-        item = stack.pop()
-        if isinstance(item, Use) or id(item) in seen:
+        node = stack.pop()
+        if id(node) in seen:
             continue
-        seen.add(id(item))
-        yield item
-        stack.extend(child for _, child in reversed(list(item.entries())))
+        seen.add(id(node))
+        yield node
+        if node.interface:
+            stack.extend(child for _, child in reversed(list(node.entries())) if isinstance(child, Node))
+            continue
+        for value in reversed(node.fields.values()):
+            if isinstance(value, Node):
+                stack.append(value)
+            elif isinstance(value, list):
+                stack.extend(child for child in reversed(value) if isinstance(child, Node))

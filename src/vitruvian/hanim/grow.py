@@ -67,7 +67,7 @@ def _parts(h: Humanoid) -> list[Humanoid | Joint | Segment]:
 
 
 def _nodes(h: Humanoid) -> list[Node]:
-    things = [*h.joints(), *h.segments(), *h.all_sites(), *h.displacers()]
+    things: list[Part] = [*h.joints(), *h.segments(), *h.all_sites(), *h.displacers()]
     return [t.node for t in things if t.node is not None]
 
 

@@ -9,7 +9,7 @@ Source: ISO/IEC 19774 parts 1 and 2.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,9 @@ class Shape:
     `points` (n,3), or None when the triangles index the humanoid's `skin_coord`. `triangles` (t,3) int32.
     `uv` (u,2) with `uv_triangles` (t,3), or None. `colors` (n,3) sRGB per point replace the material's, or None.
     `transform` (4,4) places segment geometry in its segment when the file wraps it in Transforms.
+    `normals` (m,3) unit, one per point, or per corner by `normal_triangles` (t,3); None: as the faces give them.
+    `faces` (t,) numbers the polygon that each triangle was cut from, None when all were triangles.
+    `skin_index` (n,): of which skin point each point is a copy, when the shape was cut out of the humanoid's skin.
     """
 
     name: str = ""
@@ -97,6 +100,10 @@ class Shape:
     transform: Array | None = None
     crease_angle: float = np.pi
     node: Node | None = None
+    normals: Array | None = None
+    normal_triangles: NDArray[np.int32] | None = None
+    skin_index: NDArray[np.int32] | None = None
+    faces: NDArray[np.int32] | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -265,6 +272,7 @@ class Track:
     interval: float = 1.0
     loop: bool = True
     timer: str = ""  # DEF of the TimeSensor: tracks of one clip share it
+    rate: float = 0.0  # keys per second when each is a frame of a clip, 0 when nobody said so
 
 
 @dataclass(slots=True, eq=False)
@@ -305,6 +313,38 @@ class Humanoid(Bounded):
     skin_displacers: list[Displacer] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
     children: list[Node] = field(default_factory=list)
+
+    def copied(self) -> Humanoid:
+        """A copy with joints and segments of its own, whose lists may be changed; arrays, shapes and sites are shared."""
+        copies = {
+            id(j): replace(
+                j,
+                joints=[],
+                segments=[
+                    replace(
+                        s,
+                        shapes=list(s.shapes),
+                        sites=list(s.sites),
+                        displacers=list(s.displacers),
+                        contours=list(s.contours),
+                    )
+                    for s in j.segments
+                ],
+                sites=list(j.sites),
+                displacers=list(j.displacers),
+            )
+            for j in self.joints()
+        }
+        for joint in self.joints():
+            copies[id(joint)].joints = [copies[id(j)] for j in joint.joints]
+        return replace(self, skeleton=[copies[id(j)] for j in self.skeleton])
+
+    def settled(self) -> Humanoid:
+        """This humanoid, after its shapes got new points: a Segment's `coord` that none of them has any more goes."""
+        for segment in self.segments():
+            if segment.coord is not None and not any(s.points is segment.coord for s in segment.shapes):
+                segment.coord = None
+        return self
 
     def joints(self) -> list[Joint]:
         """Every joint once, depth first, parents before children."""

@@ -179,7 +179,8 @@ def alike(a: object, b: object) -> bool:
     if a is None or b is None:
         return a is b
     if isinstance(a, np.ndarray | list | tuple) or isinstance(b, np.ndarray | list | tuple):
-        return bool(np.array_equal(np.asarray(a), np.asarray(b))) or (np.size(a) == 0 and np.size(b) == 0)
+        x, y = np.asarray(a), np.asarray(b)
+        return bool(np.array_equal(x, y)) or x.size == y.size == 0
     return bool(a == b)
 
 
@@ -223,31 +224,50 @@ def _standard(kind: str) -> frozenset[str]:
     return frozenset({*(m.field for m in MEMBERS[kind]), *APART[kind], *WITHOUT_VALUE})
 
 
-def read_members(reading: Reading, node: Node, thing: object, kind: str) -> None:
-    """Fill the plain fields of a typed object, its metadata and its extras."""
+# What movement depends on: values that can't be read are refused. Others then have their default, with a warning.
+_STRICT = {
+    *(m.field for m in _PLACE),
+    *("limitOrientation", "mass", "centerOfMass", "weight", "skeletalConfiguration"),
+}
+
+
+def read_members(reading: Reading, node: Node, thing: object, kind: str, *, soft: bool = False) -> None:
+    """Fill the plain fields of a typed object, its metadata and its extras. `soft`: nothing in it is refused."""
     for m in MEMBERS[kind]:
         raw = reading.raw(node, m.field)
-        if raw is not None:
-            setattr(thing, m.attribute, _value(reading, node, m))
+        if raw is None:
+            continue
+        if soft or m.field not in _STRICT:
+            setattr(thing, m.attribute, _soft(reading, node, m))
+        else:
+            setattr(thing, m.attribute, _strict(reading, node, m))
     metadata = node.children("metadata")
     if metadata:
         thing.metadata = metadata[0]  # type: ignore[attr-defined]
     thing.extras = _extras(reading, node, kind)  # type: ignore[attr-defined]
 
 
-def _value(reading: Reading, node: Node, m: Member) -> object:
+def _strict(reading: Reading, node: Node, m: Member) -> object:
     if m.type in {"SFVec3f", "SFRotation"}:
-        value = reading.vector(node, m.field, m.default)  # type: ignore[arg-type]
-        if m.field == "bboxSize" and (value >= 0).all():
-            value = value * reading.length
-        return value
-    if m.type == "SFBool":
-        return reading.flag(node, m.field, bool(m.default))
+        return reading.vector(node, m.field, m.default)  # type: ignore[arg-type]
     if m.type == "SFString":
         return reading.text(node, m.field, str(m.default))
+    return reading.number(node, m.field, float(m.default))  # type: ignore[arg-type]
+
+
+def _soft(reading: Reading, node: Node, m: Member) -> object:
+    default = np.array(m.default) if m.type in {"SFVec3f", "SFRotation"} else m.default
+    value = reading.softly(node, m.field, m.type, default)
+    if m.type in {"SFVec3f", "SFRotation"}:
+        array = np.array(value, dtype=np.float64)
+        return array * reading.length if m.field == "bboxSize" and (array >= 0).all() else array
     if m.type == "MFBool":
-        return reading.flags(node, m.field)
-    number = reading.number(node, m.field, float(m.default))  # type: ignore[arg-type]
+        return [bool(v) for v in value] if isinstance(value, list | tuple) else []
+    if m.type == "SFBool":
+        return bool(value)
+    if m.type == "SFString":
+        return str(value)
+    number = float(value)  # type: ignore[arg-type]
     return int(number) if m.type == "SFInt32" else number
 
 

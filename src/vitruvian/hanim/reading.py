@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, warn
 from vitruvian.hanim.graph import Literal, Node, Proto, Scene
-from vitruvian.hanim.values import parse
+from vitruvian.hanim.values import bare, parse
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -44,7 +44,7 @@ def leniently(text: str) -> Floats:
     except ValueError:
         pass
     plain = re.sub(r"#[^\n]*", " ", text)
-    return np.array([number(t) for t in re.split(r"[\s,\[\]]+", plain) if t], np.float64)
+    return np.array([number(t) for t in re.split(r'[\s,\[\]"]+', plain) if t], np.float64)
 
 
 class Reading:
@@ -132,6 +132,8 @@ class Reading:
 
     def vector(self, node: Node, field: str, default: tuple[float, ...]) -> Floats:
         """A fixed-length field, shape (len(default),); lengths in metres, angles in radians."""
+        if self.raw(node, field) is None:
+            return np.array(default, np.float64)
         kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
         before = self.repairs
         array = self._numbers(node, field, kind)
@@ -177,6 +179,10 @@ class Reading:
                 self._shared[key] = self._many(node, field, kind, width)
             return self._shared[key]
         return self._many(node, field, kind, width)
+
+    def was_read(self, node: Node, field: str) -> bool:
+        """Whether `numbers` has answered this shared array before."""
+        return (id(node), field) in self._shared
 
     def _many(self, node: Node, field: str, kind: str, width: int) -> Floats:
         before = self.repairs
@@ -240,19 +246,6 @@ class Reading:
             self.mend(node, field, default)
             return default
 
-    def flags(self, node: Node, field: str) -> list[bool]:
-        """Several TRUEs and FALSEs; anything else is refused."""
-        raw = self.raw(node, field)
-        if raw is None:
-            return []
-        try:
-            value = parse(raw, "MFBool", self.path) if isinstance(raw, Literal) else raw
-        except FileError as error:
-            self.broken(f"{self.who(node)} {field}: {error.what}", node, error.line)
-            self.mend(node, field, None)
-            return []
-        return [bool(v) for v in value] if isinstance(value, list | tuple) else [bool(value)]
-
     def text(self, node: Node, field: str, default: str = "") -> str:
         """A string."""
         raw = self.raw(node, field)
@@ -279,12 +272,31 @@ class Reading:
             self.mend(node, field, default)
             return default
 
+    def softly(self, node: Node, field: str, kind: str, default: object) -> object:
+        """The value of a field that no movement depends on: unreadable, it is the default, with a warning.
+
+        Lengths and angles are in SI units; a rotation has a unit axis.
+        """
+        raw = self.raw(node, field)
+        if raw is None:
+            return default
+        try:
+            value = parse(raw, kind, self.path) if isinstance(raw, Literal) else raw
+        except FileError as error:
+            self.defect(f"unreadable {field}", f"{self.who(node)} {field}: {error.what}; read as its default", node)
+            return default
+        if kind == "SFRotation":
+            return self._rotation(np.array(value, dtype=np.float64), node, field)
+        if field in _LENGTHS:
+            return np.asarray(value, dtype=np.float64) * self.length
+        return value
+
     def who(self, node: Node) -> str:
         """How messages call a node: its kind and its name or DEF."""
         raw = node.fields.get("name")
         name = ""
         if isinstance(raw, Literal):
-            name = raw.text.strip().strip('"')
+            name = bare(raw).strip().strip('"')
         elif isinstance(raw, str):
             name = raw
         return f"{self.kind(node).lower() or node.type} {name or node.name}".strip()

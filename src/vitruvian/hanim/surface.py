@@ -26,18 +26,29 @@ def drawable(node: Node) -> bool:
 
 def transform_of(reading: Reading, node: Node) -> Floats:
     """(4, 4) of a Transform's fields: T C R SR S -SR -C, column vectors."""
-    center = reading.vector(node, "center", (0, 0, 0))
-    turn = _turn(reading.vector(node, "rotation", (0, 0, 1, 0)))
-    so = _turn(reading.vector(node, "scaleOrientation", (0, 0, 1, 0)))
-    linear = turn @ so @ np.diag(reading.vector(node, "scale", (1, 1, 1))) @ so.T
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    matrix[:3, 3] = reading.vector(node, "translation", (0, 0, 0)) + center - linear @ center
-    return matrix
+    return matrix(
+        reading.vector(node, "translation", (0, 0, 0)),
+        reading.vector(node, "center", (0, 0, 0)),
+        reading.vector(node, "rotation", (0, 0, 1, 0)),
+        reading.vector(node, "scale", (1, 1, 1)),
+        reading.vector(node, "scaleOrientation", (0, 0, 1, 0)),
+    )
+
+
+def matrix(translation: Floats, center: Floats, rotation: Floats, scale: Floats, orientation: Floats) -> Floats:
+    """(4, 4) T C R SR S -SR -C of the five fields that Transform, Joint, Site and Humanoid share; unit axes."""
+    so = _turn(orientation)
+    linear = _turn(rotation) @ so @ np.diag(scale) @ so.T
+    placed = np.eye(4)
+    placed[:3, :3] = linear
+    placed[:3, 3] = translation + center - linear @ center
+    return placed
 
 
 def _turn(rotation: Floats) -> Floats:
     """(3, 3) of a unit axis and angle."""
+    if rotation[3] == 0:
+        return np.eye(3)
     x, y, z, angle = rotation
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
@@ -133,7 +144,10 @@ def _shape(reading: Reading, node: Node, skin_coord: Node | None) -> Shape | Non
     turned = not reading.flag(geometry, "ccw", True)
     shape.triangles = mesh.triangles[:, ::-1] if turned else mesh.triangles
     shape.triangles = np.ascontiguousarray(shape.triangles)
+    if geometry.type in {"IndexedFaceSet", "QuadSet", "IndexedQuadSet"} and (np.diff(mesh.face) == 0).any():
+        shape.faces = mesh.face.astype(np.int32)
     _texture(reading, geometry, mesh, shape, turned)
+    _normals(reading, geometry, mesh, shape, turned)
     _colors(reading, geometry, mesh, shape, len(points))
     return shape
 
@@ -256,6 +270,32 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
         return
     shape.uv = uv
     shape.uv_triangles = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+
+
+def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned: bool) -> None:
+    """Normals per corner. Those of a skin (Humanoid.skinNormal says them) and of faces are left to the faces."""
+    found = geometry.children("normal")
+    if (
+        not found
+        or shape.points is None
+        or not mesh.corners.size
+        or not reading.flag(geometry, "normalPerVertex", True)
+    ):
+        return
+    normals = reading.numbers(found[0], "vector", "MFVec3f", 3)
+    index = reading.indices(geometry, "normalIndex").astype(np.int64)
+    if len(index) == 0:
+        index = mesh.index
+    corners = index[mesh.corners] if len(index) > mesh.corners.max() else np.full((1, 3), -1)
+    if corners.min() < 0 or corners.max() >= len(normals):
+        what = f"{len(normals)} normals do not fit the faces: they are left out"
+        reading.defect("normals", f"{reading.who(geometry)}: {what}", found[0])
+        return
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    shape.normals = np.where(size > 0, normals / np.where(size > 0, size, 1.0), [0.0, 1.0, 0.0])
+    wound = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+    if not np.array_equal(wound, shape.triangles) or len(normals) != len(shape.points):
+        shape.normal_triangles = wound
 
 
 def _colors(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, points: int) -> None:

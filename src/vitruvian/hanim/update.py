@@ -8,13 +8,14 @@ None, and the caller builds a new scene.
 from __future__ import annotations
 
 import warnings
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
 from vitruvian.hanim.animation import event
 from vitruvian.hanim.build_motion import motion_node, track_nodes
 from vitruvian.hanim.build_pieces import info_strings
+from vitruvian.hanim.fields import container_of
 from vitruvian.hanim.graph import Node, Route, Scene, Use
 from vitruvian.hanim.grow import grown
 from vitruvian.hanim.humanoid import (
@@ -62,7 +63,8 @@ _TARGETS = {"rotation", "translation", "scale", "center", "weight", "point"}
 def updated(humanoids: list[Humanoid], encoding: str) -> tuple[Scene, list[str]] | None:
     """The scene that these humanoids came from, brought up to date, and what could not be said; None if it can't be.
 
-    `encoding` must be the scene's own, or the other of X3D's two. The scene is changed in place.
+    `encoding` must be the scene's own, or another of X3D's three. The scene is changed in place (what comes back for
+    another encoding is another `Scene` around the same nodes).
     """
     scene = humanoids[0].scene
     if scene is None or any(h.scene is not scene for h in humanoids):
@@ -83,7 +85,10 @@ def updated(humanoids: list[Humanoid], encoding: str) -> tuple[Scene, list[str]]
     for old, new in pairs:
         if old is not None:
             _update(scene, old, new)
-    scene.encoding = encoding
+    if encoding != scene.encoding:
+        scene = replace(scene, encoding=encoding)
+        if encoding == "x3d":
+            _say_places(scene)
     return scene, []
 
 
@@ -105,8 +110,17 @@ def _parts_differ(pairs: list[tuple[Humanoid | None, Humanoid]]) -> bool:
 def _things(h: Humanoid) -> list[Humanoid | Joint | Segment | Site | Displacer | Pose | Viewpoint]:
     sites = [*h.all_sites(), *h.viewpoints]
     cameras = [v for s in sites for v in s.viewpoints]
-    poses = [p for pose in h.poses for p in (pose, *pose.joints)]
-    return [h, *h.joints(), *h.segments(), *sites, *h.displacers(), *cameras, *poses]
+    posed = [j for pose in h.poses for j in pose.joints]
+    return [h, *h.joints(), *h.segments(), *sites, *h.displacers(), *cameras, *h.poses, *posed]
+
+
+def _say_places(scene: Scene) -> None:
+    """containerField for what Classic X3D has in a field that isn't the usual one of its kind in XML."""
+    for node in scene.walk():
+        for name, item in node.entries():
+            kind = item.type or (item.node.type if isinstance(item, Use) and item.node is not None else "")
+            if not item.container and container_of(kind) != name:
+                item.container = name
 
 
 def _shapes(h: Humanoid) -> list[Shape]:

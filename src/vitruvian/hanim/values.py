@@ -1,22 +1,24 @@
-"""Field values: source text to typed values and back, and between the two ways of writing them (XML, VRML).
+"""Field values: source text to typed values and back, and between the ways of writing them (XML, VRML, JSON).
 
 Typed values: bool, int, float, str, list of bool, list of str; SFVec3f and its kin float64 (n,), their MF forms
 float64 (k, n), MFFloat float64 (k,), MFInt32 int32 (k,). Units and frames are the file's own.
-Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 14772-1 (VRML97).
+Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 19776-5 (JSON), 14772-1 (VRML97).
 """
 
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, VitruvianError, warn
+from vitruvian.hanim import json_values
 from vitruvian.hanim.graph import Literal, Node, Use
+from vitruvian.native import parse_floats
 
 _COLUMNS = {
     **{f"Vec{n}{p}": n for n in (2, 3, 4) for p in "fd"},
@@ -36,19 +38,25 @@ _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
+_FEW = 12  # numbers that are formatted one by one
+_SINGLE = struct.Struct("f")
+_FORMS = ("%.6g", "%.7g", "%.8g", "%.9g")
+_NOT_FINITE = "can't write a number that is not finite as a 32-bit float; look for NaN in the values"
+_TOKEN = re.compile(r"[^ \t-\r]+")
 _EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
 _NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
-_CHUNK = 1 << 20
 
 
 def parse(literal: Literal, type: str, path: object = "") -> object:
-    """The typed value of source text; NULL is None.
+    """The typed value of source text; NULL is None, and so is JSON's null whatever the type.
 
     Raises FileError (path and line) when the text isn't a value of that type: a malformed number, one that isn't finite
     or doesn't fit 32 bits, a count that doesn't fit the type.
     """
     many, base = type.startswith("MF"), type[2:]
+    if is_null(literal):
+        return None
     if base in _COLUMNS or base in _INTEGER:
         text = _numbers(literal, many)
         if base in _INTEGER:
@@ -81,9 +89,16 @@ def _short(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
+def is_null(literal: Literal) -> bool:
+    """Whether JSON says that there is no value."""
+    return literal.syntax == "json" and literal.text.strip() == "null"
+
+
 def bare(literal: Literal) -> str:
-    """The text without the comments that VRML may have inside."""
+    """The text without the comments that VRML may have inside, and without the brackets and quotes of JSON."""
     text = literal.text
+    if literal.syntax == "json":
+        return json_values.plain(text)
     if literal.syntax != "vrml" or "#" not in text:
         return text
     if '"' not in text:
@@ -100,52 +115,20 @@ def _numbers(literal: Literal, many: bool) -> str:
     return text.replace(",", " ")
 
 
-def _pieces(text: str) -> list[str]:
-    """The text in pieces of about a megabyte, cut at blanks, so that a long list needs little memory on the way."""
-    pieces, start = [], 0
-    while len(text) - start > _CHUNK:
-        end = start + _CHUNK
-        while end < len(text) and not text[end].isspace():
-            end += 1
-        pieces.append(text[start:end])
-        start = end
-    pieces.append(text[start:])
-    return pieces
-
-
-def _check_characters(literal: Literal, text: str, path: object) -> None:
-    """float() and int() take underscores and digits of other scripts; X3D doesn't."""
-    if "_" in text or not text.isascii():
-        bad = next(t for t in re.split(r"[ \t\n\r\f\v]+", text) if "_" in t or not t.isascii())
-        raise _malformed(literal, bad, path, "a number")
-
-
 def _malformed(literal: Literal, token: str, path: object, expected: str) -> FileError:
     return FileError(path, _line(literal, token), f"expected {expected}, found {_short(token)}")
 
 
 def _line(literal: Literal, token: str) -> int:
-    """The line of a token: VRML text keeps its line ends, an XML attribute doesn't."""
-    if literal.syntax != "vrml":
+    """The line of a token: VRML and JSON text keeps its line ends, an XML attribute doesn't."""
+    if literal.syntax == "xml":
         return literal.line
     place = re.search(rf"(?<![^\s,\[]){re.escape(token)}(?![^\s,\]])", literal.text)
     return literal.line + (literal.text.count("\n", 0, place.start()) if place else 0)
 
 
 def _floats(literal: Literal, text: str, type: str, path: object) -> object:
-    _check_characters(literal, text, path)
-    pieces = _pieces(text)
-    try:
-        if len(pieces) == 1:
-            array = np.array([float(t) for t in text.split()], np.float64)
-        else:
-            array = np.fromiter(map(float, chain.from_iterable(p.split() for p in pieces)), np.float64)
-    except ValueError:
-        bad = next(t for t in text.split() if not _is_number(t, float))
-        raise _malformed(literal, bad, path, "a number") from None
-    if not np.isfinite(array).all():
-        token = text.split()[int(np.argmin(np.isfinite(array)))]
-        raise _malformed(literal, token, path, "a finite number")
+    array = _parsed(literal, text, path)
     n = _COLUMNS[type[2:]]
     if type.startswith("SF"):
         if array.size != n:
@@ -154,6 +137,17 @@ def _floats(literal: Literal, text: str, type: str, path: object) -> object:
     if array.size % n:
         raise FileError(path, literal.line, f"{type} is groups of {n} numbers, found {array.size} numbers")
     return array if n == 1 else array.reshape(-1, n)
+
+
+def _parsed(literal: Literal, text: str, path: object, expected: str = "a number") -> NDArray[np.float64]:
+    """All numbers of a text, finite every one."""
+    try:
+        return parse_floats(text.encode("ascii", "replace"))
+    except ValueError as error:
+        place = error.offset  # type: ignore[attr-defined]
+    token = _TOKEN.search(text, place)[0]  # type: ignore[index]
+    plain = token.isascii() and "_" not in token and _is_number(token, float)
+    raise _malformed(literal, token, path, "a finite number" if plain else expected)
 
 
 def _is_number(token: str, kind: Callable[[str], object]) -> bool:
@@ -174,28 +168,34 @@ def _integer(token: str) -> int:
         raise
 
 
+def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float64]:
+    """Whole numbers, some with 0x."""
+    found = []
+    for token in _TOKEN.findall(text):
+        try:
+            if not token.isascii() or "_" in token:
+                raise ValueError
+            number = _integer(token)
+        except ValueError:
+            raise _malformed(literal, token, path, "a whole number") from None
+        found.append(float(min(max(number, -(2**53)), 2**53)))
+    return np.array(found, np.float64)
+
+
 def _integers(literal: Literal, text: str, type: str, path: object) -> object:
-    _check_characters(literal, text, path)
-    pieces = _pieces(text)
-    convert = _integer if "x" in text or "X" in text else int
-    try:
-        if len(pieces) == 1:
-            array = np.array([convert(t) for t in text.split()], np.int64)
-        else:
-            array = np.fromiter(map(convert, chain.from_iterable(p.split() for p in pieces)), np.int64)
-    except ValueError:
-        bad = next(t for t in text.split() if not _is_number(t, _integer))
-        raise _malformed(literal, bad, path, "a whole number") from None
-    except OverflowError:
-        bad = next(t for t in text.split() if abs(_integer(t)) >= 2**63)
-        raise _malformed(literal, bad, path, "a number that fits 32 bits") from None
-    if type[2:] == "Image":  # width, height, components, pixels of up to 4 bytes
-        return array
-    wide = (array < -(2**31)) | (array > (2**32 - 1 if convert is _integer else 2**31 - 1))
-    if wide.any():
+    if "." in text or "x" in text or "X" in text or "e" in text or "E" in text:  # hexadecimal, or wrong
+        array, highest = _hexadecimal(literal, text, path), 2**32 - 1
+    else:
+        array, highest = _parsed(literal, text, path, "a whole number"), 2**31 - 1
+    image = type[2:] == "Image"  # width, height, components, pixels of up to 4 bytes
+    highest = 2**32 if image else highest
+    if array.size and (array.min() < -(2**31) or array.max() > highest):
+        wide = (array < -(2**31)) | (array > highest)
         raise _malformed(literal, text.split()[int(np.argmax(wide))], path, "a number that fits 32 bits")
+    if image:
+        return array.astype(np.int64)
     if type == "MFInt32":
-        return array.astype(np.int32)
+        return array.astype(np.int64).astype(np.int32)
     if array.size != 1:
         raise FileError(path, literal.line, f"{type} is 1 number, found {array.size}")
     return int(array[0])
@@ -203,7 +203,7 @@ def _integers(literal: Literal, text: str, type: str, path: object) -> object:
 
 def _booleans(literal: Literal, many: bool, path: object) -> object:
     words = _numbers(literal, many).split()
-    right = ("true", "false") if literal.syntax == "xml" else ("TRUE", "FALSE")
+    right = ("TRUE", "FALSE") if literal.syntax == "vrml" else ("true", "false")
     found = []
     for word in words:
         if word not in right:
@@ -220,6 +220,13 @@ def _booleans(literal: Literal, many: bool, path: object) -> object:
 
 def _strings(literal: Literal, many: bool, path: object) -> object:
     text = literal.text
+    if literal.syntax == "json":
+        words = json_values.tokens(text)
+        if many and len(words) == 1 and not text.lstrip().startswith("["):
+            return _strings(Literal(words[0][1], "xml", literal.line), many, path)  # as an attribute has it
+        if not many and len(words) > 1:
+            raise FileError(path, literal.line, f"SFString is one string, found {_short(text)}")
+        return [t for _, t in words] if many else "".join(t for _, t in words)
     if literal.syntax == "xml":
         if not many:
             return _XML_ESCAPE.sub(r"\1", text) if "\\" in text else text
@@ -263,20 +270,38 @@ def quote(text: str) -> str:
 
 def shortest(values: NDArray[np.float64]) -> list[str]:
     """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
+    values = np.asarray(values, np.float64).ravel()
+    if values.size <= _FEW:
+        return [_shortest(v) for v in values.tolist()]
     with np.errstate(over="ignore"):
-        single = np.asarray(values, np.float64).ravel().astype(np.float32)
+        single = values.astype(np.float32)
     if not np.isfinite(single).all():
-        raise VitruvianError("can't write a number that is not finite as a 32-bit float; look for NaN in the values")
+        raise VitruvianError(_NOT_FINITE)
     texts = _formatted(single, 6)
+    rest, new = np.arange(single.size), texts
     for digits in (7, 8, 9):
-        if not texts:
+        rest = rest[parse_floats(" ".join(new).encode()).astype(np.float32) != single[rest]]
+        if not rest.size:
             break
-        wrong = np.flatnonzero(np.array(texts, np.float64).astype(np.float32) != single)
-        if not wrong.size:
-            break
-        for i, text in zip(wrong, _formatted(single[wrong], digits), strict=True):
+        new = _formatted(single[rest], digits)
+        for i, text in zip(rest.tolist(), new, strict=True):
             texts[i] = text
     return texts
+
+
+def _shortest(value: float) -> str:
+    """`shortest` of one number, without arrays."""
+    try:
+        (single,) = _SINGLE.unpack(_SINGLE.pack(value))
+    except OverflowError:
+        raise VitruvianError(_NOT_FINITE) from None
+    if single - single != 0:
+        raise VitruvianError(_NOT_FINITE)
+    for form in _FORMS:
+        text = form % single
+        if _SINGLE.unpack(_SINGLE.pack(float(text)))[0] == single:
+            break
+    return _EXPONENT.sub(_short_exponent, text) if "e" in text else text
 
 
 def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:
@@ -297,35 +322,42 @@ def _double(number: float) -> str:
 
 
 def text_of(value: object, type: str, syntax: str) -> str:
-    """Source text ("xml" or "vrml") of a typed value.
+    """Source text ("xml", "vrml" or "json") of a typed value.
 
     `type` may be "" when nothing tells it; then numbers in an array of one dimension are written as a list when there
-    are more than four. Floats are the shortest text that reads back as the same float32 (float64 for double types).
+    are more than four (JSON: always). Floats are the shortest text that reads back as the same float32 (float64 for
+    double types). Long lists of JSON have a line for each row.
     """
     if isinstance(value, Literal):
         text = translate(value, type, syntax)
         if text is None:
             raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
         return text
-    vrml, base = syntax == "vrml", type[2:]
+    vrml, json, base = syntax == "vrml", syntax == "json", type[2:]
     if value is None:
-        return "NULL" if vrml else ""
+        return "NULL" if vrml else "null" if json else ""
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
         if isinstance(value, str) and type != "MFString":
-            return quote(value) if vrml else value.replace("\\", "\\\\")
-        strings = " ".join(quote(s) for s in ([value] if isinstance(value, str) else list(value)))  # type: ignore[call-overload]
+            return quote(value) if vrml else json_values.quoted(value) if json else value.replace("\\", "\\\\")
+        entries: list[str] = [value] if isinstance(value, str) else list(value)  # type: ignore[call-overload]
+        if json:
+            return json_values.listed([json_values.quoted(s) for s in entries])
+        strings = " ".join(map(quote, entries))
         return f"[ {strings} ]" if vrml else strings
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
         words = ("FALSE", "TRUE") if vrml else ("false", "true")
-        rows = [" ".join(words[bool(v)] for v in array.ravel())]
+        texts, n = [words[bool(v)] for v in array.ravel()], 1
     elif base in _INTEGER or (not type and array.dtype.kind in "iu"):
-        rows = [" ".join(map(str, array.astype(np.int64).ravel().tolist()))]
+        texts, n = list(map(str, array.astype(np.int64).ravel().tolist())), 1
     else:
         texts = [_double(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
         n = _COLUMNS.get(base) or (array.shape[-1] if array.ndim > 1 else 1)
-        rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
+    if json:
+        single = len(texts) == 1 and not array.ndim and not type.startswith("MF")
+        return texts[0] if single else json_values.listed(texts, n, faces=type == "MFInt32")
+    rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
     text = (", " if vrml and len(rows) > 1 else " ").join(rows)
     return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
 
@@ -349,13 +381,28 @@ def default_of(type: str, syntax: str) -> str:
 
 
 def translate(literal: Literal, type: str, syntax: str) -> str | None:
-    """The text of a literal in the other syntax; None when it can't be said there.
+    """The text of a literal in another syntax; None when it can't be said there.
 
     With an unknown `type` ("") what the text looks like decides: numbers, booleans, strings in quotes, a plain string.
+    JSON says whatever isn't of its type as a string, which reads back as the same defect.
     """
     if literal.syntax == syntax:
         return literal.text
     base = type[2:]
+    if syntax == "json":
+        return _to_json(literal, type)
+    if literal.syntax == "json":
+        if is_null(literal):
+            return "NULL" if syntax == "vrml" and base in ("Node", "") else None
+        words = json_values.tokens(literal.text)
+        if not type and any(string for string, _ in words):
+            listed = literal.text.lstrip().startswith("[")
+            kind, entries = ("MFString" if listed else "SFString"), [t for _, t in words]
+            return text_of(entries if listed else entries[0], kind, syntax)
+        if base != "String":
+            literal = Literal(" ".join(json_values.plain(literal.text).split()), "xml", literal.line)
+            if syntax == "xml":
+                return literal.text
     if base == "Node":
         return "NULL" if syntax == "vrml" and literal.text.strip() in ("", "NULL") else None
     try:
@@ -401,3 +448,36 @@ def _to_xml(literal: Literal, type: str) -> str | None:
     if words and all(w.lower() in ("true", "false") for w in words):
         return text.lower()
     return text
+
+
+def _to_json(literal: Literal, type: str) -> str | None:
+    vrml, base = literal.syntax == "vrml", type[2:]
+    text = bare(literal).strip()
+    if base == "Node" or (not type and vrml):
+        if text == "NULL" or (base == "Node" and not text):
+            return "null"
+        if base == "Node":
+            return None
+    if base == "String" or (not type and '"' in text):
+        kind = type or (
+            "MFString" if not vrml or text.startswith("[") or len(_STRING.findall(text)) > 1 else "SFString"
+        )
+        for attempt in (kind, "MFString") if vrml else (kind,) if type or text.startswith('"') else ():
+            with suppress(FileError):
+                return text_of(parse(literal, attempt), attempt, "json")
+    many = type.startswith("MF") or base not in ("Float", "Double", "Time", "Int32", "Bool", "")
+    inner = text
+    if vrml and text.startswith("[") and text.endswith("]"):
+        inner, many = text[1:-1], True
+    inner = inner.replace(",", " ")
+    words = inner.split()
+    found: list[str] | None = None
+    if base in ("Bool", "") and words and all(w.lower() in ("true", "false") for w in words):
+        found = [w.lower() for w in words]
+    elif base not in ("Bool", "String") and (words or many):
+        found = json_values.numbers(inner)
+    if found is None:
+        return json_values.quoted(literal.text if type or vrml else _XML_ESCAPE.sub(r"\1", literal.text))
+    if len(found) == 1 and not many:
+        return found[0]
+    return json_values.listed(found, _COLUMNS.get(base, 1), faces=type == "MFInt32")

@@ -172,14 +172,17 @@ def _read_skin(figure: Figure, h: Humanoid) -> None:
             reading.defect("M04 copy", f"{reading.who(node)}: {what}", s.node)
             s.points = None
     h.skin, h.skin_coord = shapes, figure.points
-    for name, attribute, field, width in (
-        ("skinNormal", "skin_normal", "vector", "MFVec3f"),
-        ("skinBindingCoords", "skin_binding_coords", "point", "MFVec3f"),
-        ("skinBindingNormals", "skin_binding_normals", "vector", "MFVec3f"),
+    normals = node.children("skinNormal")
+    if normals:
+        h.skin_normal = reading.numbers(normals[0], "vector", "MFVec3f", 3)
+    for name, attribute, field in (
+        ("skinBindingCoords", "skin_binding_coords", "point"),
+        ("skinBindingNormals", "skin_binding_normals", "vector"),
     ):
         found = node.children(name)
         if found:
-            setattr(h, attribute, reading.numbers(found[0], field, width, 3))
+            array = np.array(reading.softly(found[0], field, "MFVec3f", np.zeros((0, 3))), dtype=np.float64)
+            setattr(h, attribute, array.reshape(-1, 3))
 
 
 def _coord(shape: Shape) -> Node | None:

@@ -235,10 +235,13 @@ def _segment(figure: Figure, node: Node, joint: Joint) -> tuple[Segment, list[No
         if is_defbody(reading, n) and (contours := contour_surface(reading, n, joint)) is not None:
             segment.contours.append(contours)
     segment.children = _others(reading, [n for n in children if not is_defbody(reading, n)])
-    coord = node.children("coord")
-    if coord and coord[0].type in {"Coordinate", "CoordinateDouble"}:
-        segment.coord = reading.numbers(coord[0], "point", "MFVec3f", 3)
     displacers = node.children("displacers")
+    coord = [n for n in node.children("coord") if n.type in {"Coordinate", "CoordinateDouble"}]
+    if coord and (displacers or reading.was_read(coord[0], "point")):
+        segment.coord = reading.numbers(coord[0], "point", "MFVec3f", 3)
+    elif coord:  # nothing draws it, nothing moves it
+        points = np.array(reading.softly(coord[0], "point", "MFVec3f", np.zeros((0, 3))), dtype=np.float64)
+        segment.coord = points.reshape(-1, 3)
     if displacers:
         limit = max((len(s.points) for s in segment.shapes if s.points is not None), default=0)
         if segment.coord is not None:
@@ -295,13 +298,12 @@ def _others(reading: Reading, nodes: list[Node]) -> list[Node]:
 
 
 def _viewpoint(reading: Reading, node: Node) -> Viewpoint:
-    return Viewpoint(
-        description=reading.text(node, "description"),
-        position=reading.vector(node, "position", (0.0, 0.0, 10.0)),
-        orientation=reading.vector(node, "orientation", (0.0, 0.0, 1.0, 0.0)),
-        field_of_view=reading.number(node, "fieldOfView", 0.785398) * reading.angle,
-        node=node,
-    )
+    soft = reading.softly
+    view = Viewpoint(str(soft(node, "description", "SFString", "")), node=node)
+    view.position = np.array(soft(node, "position", "SFVec3f", view.position), dtype=np.float64)
+    view.orientation = np.array(soft(node, "orientation", "SFRotation", view.orientation), dtype=np.float64)
+    view.field_of_view = float(soft(node, "fieldOfView", "SFFloat", view.field_of_view)) * reading.angle  # type: ignore[arg-type]
+    return view
 
 
 def pose_of(figure: Figure, node: Node, number: int) -> Pose:
@@ -312,6 +314,6 @@ def pose_of(figure: Figure, node: Node, number: int) -> Pose:
     for child in node.children("children"):
         if reading.kind(child) == "Joint":
             joint = Joint(name_of(reading, child, figure.prefixes), node=child)
-            read_members(reading, child, joint, "Joint")
+            read_members(reading, child, joint, "Joint", soft=True)
             pose.joints.append(joint)
     return pose

@@ -8,6 +8,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.hanim import tables
+from vitruvian.hanim.folding import stand_in
 from vitruvian.hanim.humanoid import Joint, Segment, Site
 from vitruvian.modeling import mass
 from vitruvian.modeling.source import POINTS, array, manifest
@@ -71,19 +72,12 @@ def ends(points: Floats) -> dict[str, Floats]:
 
 @cache
 def folded(loa: int) -> dict[str, str]:
-    """Joint of LOA 4 -> the joint that stands for it at a lower level: its nearest kept ancestor.
-
-    All toes follow the ball of the second ray, as the standard's figures of lower levels have only that one.
-    """
+    """Joint of LOA 4 -> the joint that stands for it at a lower level, as `vitruvian.hanim.convert` folds them."""
     kept = set(tables.joints_at(loa))
     table = tables.joints()
     out = {}
     for name in table:
-        at: str | None = name
-        if loa < 4 and name[:2] in ("l_", "r_") and name[2:-1] in ("metatarsophalangeal_", "tarsometatarsal_"):
-            at = name[:-1] + "2"
-        elif loa < 4 and name[2:].startswith("tarsal_"):
-            at = name if name in kept else f"{name[:2]}metatarsophalangeal_2"
+        at: str | None = name if name in kept else stand_in(name, kept) or name
         while at is not None and at not in kept:
             at = table[at].parent
         out[name] = at or "humanoid_root"
@@ -118,8 +112,7 @@ def add_masses(joints: dict[str, Joint], points: Floats, pieces: mass.Wedges) ->
     piece per joint) and answer the whole mass, kg: the volume of the body times its density.
     """
     volume, first, second = mass.filled(points, pieces, mass.bones(list(joints.values())))
-    a, b, c = (points[pieces.triangles[:, k]] for k in range(3))
-    whole = float(pieces.sign @ np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+    whole = mass.enclosed(points, pieces)
     density = whole * mass.DENSITY / volume[volume > 0].sum()
     for joint, m in zip(
         joints.values(), mass.pieces_of(volume, first, second, np.full(len(volume), density)), strict=True

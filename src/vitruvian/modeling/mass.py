@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError
@@ -88,7 +89,7 @@ class Cut:
     of: Ints
 
 
-def cut(triangles: Ints, owner: Ints, pieces: int, same: Ints | None = None) -> Cut:
+def cut(triangles: Ints, owner: NDArray[np.integer], pieces: int, same: NDArray[np.integer] | None = None) -> Cut:
     """The pieces of a surface: triangles (t,3), each with the number of its piece (t,) in 0..pieces-1.
 
     `same` (points,) numbers points so that those at one place share a number (copies along a seam). Holes of the
@@ -138,7 +139,10 @@ def measured(points: Floats, pieces: Cut) -> tuple[Floats, Floats, Floats]:
     owner = np.concatenate([pieces.owner, pieces.ring_owner[pieces.ring]])
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
     total = a + b + c
-    add = lambda values: np.bincount(owner, values, pieces.pieces)  # noqa: E731
+
+    def add(values: Floats) -> Floats:
+        return np.bincount(owner, values, pieces.pieces).astype(np.float64)
+
     first = np.stack([add(volume * total[:, k] / 4) for k in range(3)], axis=1)
     second = np.zeros((pieces.pieces, 3, 3))
     for i in range(3):
@@ -163,12 +167,18 @@ class Wedges:
     bone: Ints
 
 
-def wedges(triangles: Ints, owner: Ints, bone: Ints, pieces: int, same: Ints | None = None) -> Wedges:
+def wedges(
+    triangles: Ints,
+    owner: NDArray[np.integer],
+    bone: Ints,
+    pieces: int,
+    same: NDArray[np.integer] | None = None,
+) -> Wedges:
     """The wedges of triangles (t,3), each with its piece (t,); `bone` (v,) as in `Wedges`, `same` (v,) as in `cut`."""
     if same is not None:
         first = np.zeros(int(same.max(initial=-1)) + 1, np.int64)
         first[same[::-1]] = np.arange(len(same))[::-1]
-        triangles = first[same[triangles]]
+        triangles = first[same[triangles]].astype(np.int32)
     a, b, c = (triangles[:, k] for k in range(3))
     swaps = (a > b).astype(int) + (b > c) + (a > c)
     ints = lambda x: np.ascontiguousarray(x, dtype=np.int32)  # noqa: E731
@@ -189,26 +199,47 @@ def filled(points: Floats, pieces: Wedges, bones: Floats) -> tuple[Floats, Float
     start, along = bones[:, 0][pieces.bone], (bones[:, 1] - bones[:, 0])[pieces.bone]
     length = np.maximum(np.einsum("vi,vi->v", along, along), 1e-12)
     inside = start + along * np.clip(np.einsum("vi,vi->v", points - start, along) / length, 0, 1)[:, None]
-    p = [points.T[:, pieces.triangles[:, k]] for k in range(3)]  # (3,t) each: sums along rows are fast
-    q = [inside.T[:, pieces.triangles[:, k]] for k in range(3)]
+    p, q = _corners(points, pieces.triangles), _corners(inside, pieces.triangles)
     volume, first = np.zeros(len(pieces.triangles)), np.zeros((3, len(pieces.triangles)))
     second = np.zeros((6, len(pieces.triangles)))
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    row, column = np.triu_indices(3)
+    outer = {id(x): x[row] * x[column] for x in (*p, *q)}
     # a prism as three tetrahedra, its walls split from the lower point outside to the higher one inside
     for corners, sign in (((*p, q[2]), 1), ((p[0], p[1], q[1], q[2]), -1), ((p[0], *q), 1)):
-        a, b, c = (x - corners[3] for x in corners[:3])
-        v = a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
-        v *= sign / 6
-        total = corners[0] + corners[1] + corners[2] + corners[3]
+        a, b, c, d = corners
+        v = _triple(a - d, b - d, c - d) * (sign / 6)
+        total = a + b + c + d
         volume += v
         first += v / 4 * total
-        for k, (i, j) in enumerate(pairs):
-            second[k] += v / 20 * (total[i] * total[j] + sum(x[i] * x[j] for x in corners))
-    add = lambda values: np.bincount(pieces.owner, pieces.sign * values, pieces.pieces)  # noqa: E731
+        square = total[row] * total[column]
+        for x in corners:
+            square += outer[id(x)]
+        second += v / 20 * square
+
+    def add(values: Floats) -> Floats:
+        return np.bincount(pieces.owner, pieces.sign * values, pieces.pieces).astype(np.float64)
+
     spread = np.zeros((pieces.pieces, 3, 3))
-    for k, (i, j) in enumerate(pairs):
-        spread[:, i, j] = spread[:, j, i] = add(second[k])
-    return add(volume), np.stack([add(row) for row in first], axis=1), spread
+    for i, j, values in zip(row, column, second, strict=True):
+        spread[:, i, j] = spread[:, j, i] = add(values)
+    return add(volume), np.stack([add(values) for values in first], axis=1), spread
+
+
+def enclosed(points: Floats, pieces: Wedges) -> float:
+    """The volume inside the whole of a closed skin with points (v,3)."""
+    return float(pieces.sign @ _triple(*_corners(points, pieces.triangles))) / 6
+
+
+def _corners(points: Floats, triangles: Ints) -> list[Floats]:
+    """The corners of triangles (t,3) as three arrays (3,t): sums along such rows are fast."""
+    rows = np.ascontiguousarray(points.T)
+    return [rows.take(triangles[:, k], axis=1) for k in range(3)]
+
+
+def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
+    """a . (b x c) of rows (3,n); NumPy's cross is several times slower."""
+    x, y, z = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
+    return a[0] * x + a[1] * y + a[2] * z
 
 
 def pieces_of(volume: Floats, first: Floats, second: Floats, densities: Floats) -> list[Mass | None]:
@@ -240,7 +271,7 @@ def solid(points: Floats, triangles: Ints, *, density: float = 1000.0) -> Mass:
     points = floats(points, "points", None, 3)
     triangles = indices(triangles, "triangles", len(points), None, 3)
     _, same = np.unique(points, axis=0, return_inverse=True)
-    volume, first, second = measured(points, cut(triangles, np.zeros(len(triangles)), 1, same.reshape(-1)))
+    volume, first, second = measured(points, cut(triangles, np.zeros(len(triangles), np.int32), 1, same.reshape(-1)))
     require(abs(volume[0]) > 1e-12, "triangles", "a surface that encloses something", "no volume")
     sign = np.sign(volume[0])
     (found,) = pieces_of(sign * volume, sign * first, sign * second, np.array([density]))
@@ -413,7 +444,7 @@ def whole_body(humanoid: Humanoid, motion: Motion | None = None, *, matrices: Fl
         own = Mass(s.mass, s.center_of_mass, np.asarray(s.moments_of_inertia, dtype=np.float64).reshape(3, 3))
         moved.append((s.mass, *own.moved(poses[:, k])))
     mass = float(sum(m for m, _, _ in moved))
-    center = sum(m * c for m, c, _ in moved) / mass
+    center = np.sum([m * c for m, c, _ in moved], axis=0) / mass
     inertia = np.zeros((len(poses), 3, 3))
     for m, c, own_inertia in moved:
         arm = c - center

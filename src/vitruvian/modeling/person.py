@@ -19,7 +19,7 @@ from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, skin_colors
 from vitruvian.modeling.mass import Wedges, wedges
 from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
-from vitruvian.modeling.rest import at_rest, rest_matrices, rest_turns
+from vitruvian.modeling.rest import at_rest, hip_reach, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
 
@@ -235,7 +235,7 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     weights = _weights(assembly.parents, 4)
     # The arms need to know how wide the hips come out; the hips do not need the arms.
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0))
-    width = _hip_width(assembly, centers, matrices, weights)
+    width = hip_reach(assembly.points, weights, {n: i for i, n in enumerate(names)}, centers, matrices)
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND))
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
@@ -243,21 +243,6 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     body = where[: source.BODY]
     shift = -np.array([0.0, where[:, 1].min(), _centroid(body, source.array("triangles"))[2]])
     return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
-
-
-def _hip_width(assembly: Assembly, centers: Floats, matrices: Floats, weights: Weights) -> float:
-    """How far the left thigh and hip reach from the middle plane at the height of the hands at rest, clothes included."""
-    names = anatomy.names()
-    hip = names.index("l_hip")
-    share = np.zeros(len(weights))
-    near = np.isin(weights.joint, [hip, names.index("sacroiliac"), names.index("humanoid_root")])
-    np.add.at(share, weights.vertex[near], weights.weight[near])
-    chosen = assembly.points[share > 0.8]
-    chosen = chosen @ matrices[hip, :3, :3].T + matrices[hip, :3, 3]
-    wrist, tip = (names.index(n) for n in ("l_radiocarpal", "l_carpal_distal_interphalangeal_3"))
-    heights = [matrices[j, 1, :3] @ centers[j] + matrices[j, 1, 3] for j in (tip, wrist)]
-    level = (chosen[:, 1] > heights[0] - 0.03) & (chosen[:, 1] < heights[1] + 0.03)
-    return float(chosen[level, 0].max()) if level.any() else 0.0
 
 
 def _centroid(points: Floats, triangles: Ints) -> Floats:

@@ -1,5 +1,7 @@
-"""From the source's A pose to the rest pose of the standard: forearms, hands and fingers along -Y, palms to the thighs,
+"""From an A or T pose to the rest pose of the standard: forearms, hands and fingers along -Y, palms to the thighs,
 thumbs 45 degrees forward, legs straight down, toes forward, every joint rotation zero.
+
+Serves the built-in person and, by `vitruvian.modeling.standing`, any body; joints that it lacks turn with their parents.
 
 The upper arms are tilted outward just as far as the hands need to clear the thighs (arms that hang exactly along -Y
 from these shoulders would stand inside the hips).
@@ -40,15 +42,21 @@ def _twist_to(direction: Floats, wanted: Floats) -> float:
 
 
 def rest_turns(
-    names: tuple[str, ...], parents: Ints, centers: Floats, tips: dict[str, Floats], hip_width: float
+    names: tuple[str, ...],
+    parents: Ints,
+    centers: Floats,
+    tips: dict[str, Floats],
+    hip_width: float,
+    start: Floats | None = None,
 ) -> Floats:
-    """(J,4) world rotation of every joint that brings the A pose to rest.
+    """(J,4) world rotation of every joint that brings an A or T pose to rest; `names` are 2.0 names, parents first.
 
     `tips` gives the far end of the last phalanges, by joint name; `hip_width` (m) is how far from the middle plane the
-    hands must hang to clear the hips.
+    hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all).
     """
     index = {n: i for i, n in enumerate(names)}
-    turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
+    first = rot.IDENTITY if start is None else start
+    turn = np.tile(first, (len(names), 1))
     for i, name in enumerate(names):
         if parents[i] >= 0:
             turn[i] = turn[parents[i]]
@@ -56,23 +64,33 @@ def rest_turns(
         if side not in ("l", "r"):
             continue
 
-        def along(other: str, i: int = i, side: str = side) -> Floats:
+        def along(other: str, i: int = i, side: str = side) -> Floats | None:
+            if other not in tips and f"{side}_{other}" not in index:
+                return None
             end = tips[other] if other in tips else centers[index[f"{side}_{other}"]]
-            return _unit(end - centers[i])
+            return None if np.linalg.norm(end - centers[i]) < 1e-9 else _unit(end - centers[i])
 
-        def swing(direction: Floats, wanted: Floats, i: int = i) -> None:
-            now = rot.rotate(turn[i], direction)
-            turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
+        def swing(direction: Floats | None, wanted: Floats, i: int = i) -> None:
+            if direction is not None:
+                now = rot.rotate(turn[i], direction)
+                turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
 
-        if part == "shoulder":
-            length = float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i]))
-            tilt = np.arcsin(np.clip((hip_width - abs(centers[i, 0])) / length, 0.0, MOST_TILT))
+        if part == "shoulder" and f"{side}_elbow" in index:
+            length = max(float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i])), 1e-9)
+            mate = index.get(("r_" if side == "l" else "l_") + part)
+            across = 2 * centers[i] if mate is None else centers[i] - centers[mate]
+            half = abs(float(rot.rotate(first, across)[0])) / 2
+            tilt = np.arcsin(np.clip((hip_width - half) / length, 0.0, MOST_TILT))
             outward = np.sin(tilt) * (1 if side == "l" else -1)
             swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
-            forearm = _unit(centers[index[f"{side}_radiocarpal"]] - centers[index[f"{side}_elbow"]])
-            bent = rot.rotate(turn[i], forearm)
-            twist = float(np.clip(_twist_to(bent, FORWARD), -1.0, 1.0))
-            turn[i] = rot.multiply(_about_y(twist), turn[i])
+            if f"{side}_radiocarpal" in index:
+                forearm = _unit(centers[index[f"{side}_radiocarpal"]] - centers[index[f"{side}_elbow"]])
+                bent = rot.rotate(turn[i], forearm)
+                twist = float(np.clip(_twist_to(bent, FORWARD), -1.0, 1.0))
+                sure = float(
+                    np.clip((np.hypot(bent[0], bent[2]) - 0.25) / 0.2, 0.0, 1.0)
+                )  # a straight arm tells nothing
+                turn[i] = rot.multiply(_about_y(twist * sure), turn[i])
         elif part == "elbow":
             swing(along("radiocarpal"), DOWN)
             turn[i] = rot.multiply(_about_y(0.7 * _palm(side, centers, index, turn[i])), turn[i])
@@ -83,7 +101,9 @@ def rest_turns(
             swing(along("knee" if part == "hip" else "talocrural"), DOWN)
         elif part == "talocrural":
             foot = along("metatarsophalangeal_2")
-            turn[i] = _about_y(-float(np.arctan2(foot[0], foot[2])))
+            if foot is not None:  # the foot keeps its slope: soles are flat in any stance
+                now = rot.rotate(first, foot)
+                turn[i] = rot.multiply(_about_y(-float(np.arctan2(now[0], now[2]))), first)
         elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
             nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
             swing(along(nexts.get(part, name)), THUMB)
@@ -96,7 +116,9 @@ def rest_turns(
 
 
 def _palm(side: str, centers: Floats, index: dict[str, int], turn: Floats) -> float:
-    """Twist about Y that makes the palm face the thigh."""
+    """Twist about Y that makes the palm face the thigh; 0 without knuckles."""
+    if any(f"{side}_metacarpophalangeal_{n}" not in index or f"{side}_radiocarpal" not in index for n in (2, 5)):
+        return 0.0
     wrist = centers[index[f"{side}_radiocarpal"]]
     first, last = (centers[index[f"{side}_metacarpophalangeal_{n}"]] - wrist for n in (2, 5))
     normal = _unit(np.cross(first, last)) * (1 if side == "r" else -1)  # out of the palm
@@ -134,3 +156,29 @@ def at_rest(centers: Floats, points: Floats, weights: Weights, matrices: Floats)
     shift = 2 * (w * d[:, :3] - d[:, 3:] * v + np.cross(v, d[:, :3]))
     moved_centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
     return turned + shift, moved_centers
+
+
+def hip_reach(points: Floats, weights: Weights, index: dict[str, int], centers: Floats, matrices: Floats) -> float:
+    """How far (m) the left thigh and hip reach from the middle plane at the height of the hands at rest; 0 unknown.
+
+    points (n,3) and centers (J,3) before `matrices` (J,4,4); `index` joint name -> number. Clothes count.
+    """
+    if "l_hip" not in index or "l_radiocarpal" not in index:
+        return 0.0
+    hip, wrist = index["l_hip"], index["l_radiocarpal"]
+    share = np.zeros(len(weights))
+    near = np.isin(weights.joint, [index[n] for n in ("l_hip", "sacroiliac", "humanoid_root") if n in index])
+    np.add.at(share, weights.vertex[near], weights.weight[near])
+    chosen = points[share > 0.8]
+    chosen = chosen @ matrices[hip, :3, :3].T + matrices[hip, :3, 3]
+    high = matrices[wrist, 1, :3] @ centers[wrist] + matrices[wrist, 1, 3]
+    tip = index.get("l_carpal_distal_interphalangeal_3")
+    if tip is None:
+        elbow = index.get("l_elbow", wrist)
+        low = high - 0.6 * float(np.linalg.norm(centers[wrist] - centers[elbow]))
+    else:
+        low = matrices[tip, 1, :3] @ centers[tip] + matrices[tip, 1, 3]
+    level = (chosen[:, 1] > low - 0.03) & (chosen[:, 1] < high + 0.03)
+    sides = [index[n] for n in ("l_hip", "r_hip") if n in index]
+    middle = float(np.mean([matrices[j, 0, :3] @ centers[j] + matrices[j, 0, 3] for j in sides])) if sides[1:] else 0.0
+    return float(chosen[level, 0].max()) - middle if level.any() else 0.0

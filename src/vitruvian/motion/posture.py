@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from vitruvian.body.rotations import inverse, multiply, slerp
+from vitruvian.body.rotations import inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.motion.contacts import Leg
 from vitruvian.motion.names import VERTEBRAE
 from vitruvian.motion.turns import about, frame, unit
 
 X, Y, Z = np.eye(3)
+RAISED = 0.6  # radians: arms at rest that are farther off the body belong to an A or T pose
 STRAIGHT = 0.9992  # of the leg's length: knees keep some four degrees
 
 
@@ -74,17 +75,22 @@ def hang_arm(
     c, count = skeleton.centers, np.zeros(len(local))
     upper = unit(c[elbow] - c[shoulder])
     line = unit(c[elbow if hand is None else hand] - c[shoulder])  # the whole arm decides how far it hangs off the body
+    fore = upper if hand is None else unit(c[hand] - c[elbow])
+    lower = np.array([0.0, 0.0, 0.0, 1.0])
+    if np.arctan2(sign * line[0], -line[1]) > RAISED:  # an A or T pose: its arms hang first, all else is as for those
+        lower = about(Z, -sign * np.arctan2(sign * line[0], -line[1]))
+        upper, line, fore = rotate(lower, upper), rotate(lower, line), rotate(lower, fore)
+    put = lambda q: multiply(multiply(inverse(lower), q), lower)  # noqa: E731  (a turn of hanging arms, in the pose at rest)
     spread, front = np.arctan2(sign * line[0], -line[1]), np.arctan2(upper[2], -upper[1])
     swing = multiply(about(X, count - (forward - front)), about(Z, count + sign * (out - spread)))
-    local[:, shoulder] = multiply(swing, about(Y, count - sign * inward))
+    local[:, shoulder] = multiply(multiply(swing, about(Y, count - sign * inward)), lower)
     if hand is None:
-        local[:, elbow] = about(X, count - bend)
+        local[:, elbow] = put(about(X, count - bend))
         return
-    fore = unit(c[hand] - c[elbow])
     straight = np.arctan2(fore[2], -fore[1]) - front  # the bend at rest
     turned = about(Y, count - sign * pronation)
-    local[:, elbow] = multiply(about(X, count - (bend - straight)), turned)
-    local[:, hand] = multiply(about(X, count - wrist), about(Z, count - sign * palm))
+    local[:, elbow] = put(multiply(about(X, count - (bend - straight)), turned))
+    local[:, hand] = put(multiply(about(X, count - wrist), about(Z, count - sign * palm)))
 
 
 def aim_leg(

@@ -25,6 +25,8 @@ from vitruvian.hanim.tables import canonical
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.types import Motion
 
+LARGEST = 4_000_000  # frames times joints of a clip that is unrolled: a cycleInterval of years would fill the memory
+
 
 def motion_of(
     humanoid: Humanoid, skeleton: Skeleton, *, fps: float | None = None, name: str | None = None, rebase: bool = False
@@ -32,7 +34,8 @@ def motion_of(
     """The clip that a humanoid brings along, on its packed `skeleton`; None when it has none.
 
     The first enabled HAnimMotion at its own rate, else the interpolators of the TimeSensor that drives most tracks (a
-    HAnimMotion that is not enabled comes last), sampled at `fps` (None: at their keys where these are even, else 30).
+    HAnimMotion that is not enabled comes last), sampled at `fps` (None: at the rate they were made with or at
+    their keys where these are even, else 30).
     `name` picks one of `clip_names`. `rebase`: positions are taken as places (as in BVH) instead of offsets, so the
     rest centre is taken off them. Joints without animation keep the pose of the file.
     Raises `VitruvianError` for a name it does not have.
@@ -51,14 +54,15 @@ def motion_of(
         return None
     timers = [t.timer for t in tracks]
     timer = max(dict.fromkeys(timers), key=timers.count)
-    return _from_tracks(humanoid, [t for t in tracks if t.timer == timer], skeleton, fps)
+    chosen = [t for t in tracks if t.timer == timer]
+    return _from_tracks(humanoid, chosen, skeleton, fps or max(t.rate for t in chosen) or None)
 
 
 def _plays(humanoid: Humanoid, motion: MotionData) -> bool:
     """Whether a browser plays it: enabled itself and in the humanoid's `motions_enabled` (4.1 draft)."""
     at = next(k for k, m in enumerate(humanoid.motions) if m is motion)
-    flags = humanoid.motions_enabled
-    return motion.enabled and (at >= len(flags) or flags[at])
+    given = humanoid.motions_enabled
+    return motion.enabled and (at >= len(given) or given[at])
 
 
 def timer_name(humanoid: Humanoid, timer: str) -> str:
@@ -92,16 +96,16 @@ def played_frames(motion: MotionData) -> list[int]:
     return frames if motion.frame_increment > 0 else list(range(high, low - 1, motion.frame_increment))
 
 
-def _enabled(data: MotionData) -> list[list[bool]]:
+def flags(data: MotionData) -> list[list[bool]]:
     """`channels_enabled` as one flag per channel and group: it is given per group or per channel."""
-    flags = list(data.channels_enabled)
-    if len(flags) == len(data.channels) or not flags:
-        whole = flags or [True] * len(data.channels)
+    given = list(data.channels_enabled)
+    if len(given) == len(data.channels) or not given:
+        whole = given or [True] * len(data.channels)
         return [[on] * len(group) for on, group in zip(whole, data.channels)]
-    flags += [True] * sum(len(g) for g in data.channels)
+    given += [True] * sum(len(g) for g in data.channels)
     out, at = [], 0
     for group in data.channels:
-        out.append(flags[at : at + len(group)])
+        out.append(given[at : at + len(group)])
         at += len(group)
     return out
 
@@ -130,7 +134,10 @@ def _finish(
     )
 
 
-def _pose(skeleton: Skeleton, frames: int) -> tuple[Floats, Floats]:
+def _pose(skeleton: Skeleton, frames: int, title: str) -> tuple[Floats, Floats]:
+    """Every frame in the pose of the file."""
+    most = LARGEST // max(1, len(skeleton.names))
+    require(frames <= most, title, f"at most {most} frames for {len(skeleton.names)} joints", frames)
     rotation = np.repeat(skeleton.rotation[None], frames, axis=0)
     return rotation, np.repeat(skeleton.translation[None], frames, axis=0)
 
@@ -144,9 +151,9 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     require(bool(np.isfinite(values).all()), title, "finite values", "NaN or infinity")
     require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
     values = values[played_frames(data)]
-    rotation, shift = _pose(skeleton, len(values))
+    rotation, shift = _pose(skeleton, len(values), title)
     column, lost, scaled = 0, [], []
-    for joint, group, on in zip(data.joints, data.channels, _enabled(data)):
+    for joint, group, on in zip(data.joints, data.channels, flags(data)):
         columns = [k for k, yes in enumerate(on, column) if yes]
         channels = [c for c, yes in zip(group, on) if yes]
         column += len(group)
@@ -246,8 +253,8 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
     rate = fps or even or 30.0
     closed = loop and all(_closed(t) for t in tracks)
     frames = max(1, int(round(interval * rate))) + (0 if closed else 1)
+    rotation, shift = _pose(skeleton, frames, f"animation {tracks[0].timer} at {rate:g} frames a second")
     fraction = np.clip(np.arange(frames) / max(interval * rate, 1e-9), 0.0, 1.0)
-    rotation, shift = _pose(skeleton, frames)
     weights: dict[str, Floats] = {}
     lost = []
     carried: dict[str, Floats] = {}
@@ -306,7 +313,7 @@ def _closed(track: Track) -> bool:
     return bool(np.abs(ends[0] - ends[1]).max() < 1e-6)
 
 
-def _frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
+def frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Rotations (n,J,4), translations (n,J,3) and weights, with one frame more at the end of a loop: the first again.
 
     A walk that goes somewhere ends one step further instead of jumping back to where it began.
@@ -334,6 +341,11 @@ def _moves(values: Floats, rest: Floats) -> bool:
     return bool(np.abs(values - rest).max(initial=0.0) > 1e-7)
 
 
+def _turns(rotation: Floats, rest: Floats) -> bool:
+    """Whether quaternions (n,4), continuous in time, leave the file's own pose (4,)."""
+    return len(rotation) > 0 and _moves(rotation, -rest if rotation[0] @ rest < 0 else rest)
+
+
 def axis_angles(rotation: Floats) -> Floats:
     """`x y z angle` (n,4) of quaternions (n,4) along time, without jumps of axis or angle.
 
@@ -359,16 +371,17 @@ def axis_angles(rotation: Floats) -> Floats:
 def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
     """Interpolator tracks with one key per frame: rotation of every joint that turns, translation of those that move,
     weights of displacers. Keys 0..1 over the clip; a loop gets the first frame as its last key."""
-    rotation, shift, weights = _frames_to_write(motion)
+    rotation, shift, weights = frames_to_write(motion)
     count = len(rotation)
     keys = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
     interval = max(count - 1, 1) / motion.fps
-    make = lambda target, field, values: Track(target, field, keys, values, interval, motion.loop, timer)  # noqa: E731
+    rest = (interval, motion.loop, timer, motion.fps)
+    make = lambda target, field, values: Track(target, field, keys, values, *rest)  # noqa: E731
     tracks = []
     for j, name in enumerate(motion.skeleton.names):
-        if j == 0 and _moves(shift[:, 0], np.zeros(3)) or j > 0 and _moves(shift[:, j], motion.skeleton.translation[j]):
+        if _moves(shift[:, j], motion.skeleton.translation[j]):
             tracks.append(make(name, "translation", shift[:, j]))
-        if _moves(np.abs(rotation[:, j, 3]), np.ones(1)) or _moves(rotation[:, j, :3], np.zeros(3)):
+        if _turns(rotation[:, j], motion.skeleton.rotation[j]):
             tracks.append(make(name, "rotation", axis_angles(rotation[:, j])))
     return tracks + [make(name, "weight", w[:, None]) for name, w in weights.items()]
 
@@ -379,13 +392,13 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
     Angles in degrees, continuous, rotation channels in `order`; enabled and loop are always said, because engines
     differ in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
     """
-    rotation, shift, _ = _frames_to_write(motion)
+    rotation, shift, _ = frames_to_write(motion)
     joints, channels, columns = [], [], []
     turning = tuple(f"{c}rotation" for c in order.upper())
     place = ("Xposition", "Yposition", "Zposition")
     for j, name in enumerate(motion.skeleton.names):
         slides = j == 0 or _moves(shift[:, j], motion.skeleton.translation[j])
-        turns = j == 0 or _moves(rotation[:, j, :3], np.zeros(3))
+        turns = j == 0 or _turns(rotation[:, j], motion.skeleton.rotation[j])
         if not slides and not turns:
             continue
         joints.append(name)

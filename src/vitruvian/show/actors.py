@@ -18,7 +18,9 @@ from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.errors import VitruvianError
+from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
+from vitruvian.show.explore import details
 from vitruvian.show.openness import openness, owners, reaches
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
@@ -50,7 +52,7 @@ class Actor:
     fps: float
     deformer: str = "log"
     travel: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    info: str = ""
+    humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -81,23 +83,21 @@ def actors_of(things: Sequence[object]) -> list[Actor]:
 
 
 def _actor(thing: object) -> Actor:
-    from vitruvian.hanim.humanoid import Humanoid
-
     if isinstance(thing, Mesh):
         empty = np.zeros((1, 0, 12), np.float32)
         return Actor(thing.name or "object", None, thing, empty, np.zeros((1, 0), np.float32), 30.0)
     if isinstance(thing, Humanoid):
         from vitruvian.body.pack import pack
 
-        return _moving(pack(thing), None, "log")
+        return _moving(pack(thing), None, "log", thing)
     if isinstance(thing, Body):
         return _moving(thing, None, "log")
     if isinstance(thing, Clip):
-        return _moving(thing.body, thing.motion, thing.deformer)
+        return _moving(thing.body, thing.motion, thing.deformer, thing.humanoid)
     raise VitruvianError(f"show: expected a Clip, Humanoid, Body or Mesh, found {type(thing).__name__}")
 
 
-def _moving(body: Body, motion: Motion | None, deformer: str) -> Actor:
+def _moving(body: Body, motion: Motion | None, deformer: str, humanoid: Humanoid | None = None) -> Actor:
     from vitruvian.body.kinematics import joint_matrices
 
     if deformer not in PAGE + SERVED:
@@ -112,7 +112,7 @@ def _moving(body: Body, motion: Motion | None, deformer: str) -> Actor:
             weights[:, i] = motion.weights[morph.name]
     fps = motion.fps if motion is not None else 30.0
     travel = _travel(motion) if motion is not None and motion.loop else np.zeros(3)
-    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, travel)
+    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, travel, humanoid)
 
 
 def _travel(motion: Motion) -> NDArray[np.float64]:
@@ -161,8 +161,9 @@ def mesh_message(actor: Actor) -> bytes:
         Block("joint", skin.weights.joint.astype(np.uint16), actor.name),
         Block("weight", f32(skin.weights.weight), actor.name),
         Block("centers", f32(skeleton.centers), actor.name),
-        Block("limits", f32(skeleton.limits), actor.name),
+        Block("limits", f32(_limits(skeleton.limits)), actor.name),
         Block("limit_orientation", f32(skeleton.limit_orientation), actor.name),
+        Block("stiffness", f32(skeleton.stiffness), actor.name),
         Block("site_points", f32(skeleton.site_points), actor.name),
         Block("placement", f32(body.placement[:3]), actor.name),
     ]
@@ -186,8 +187,7 @@ def mesh_message(actor: Actor) -> bytes:
         "actor": actor.name,
         "joints": list(skeleton.names),
         "parents": skeleton.parents.tolist(),
-        "sites": [{"name": n, "joint": int(j)} for n, j in zip(skeleton.site_names, skeleton.site_joints)],
-        "displacers": [{"name": m.name, "joint": int(m.joint), "before": m.before} for m in skin.morphs],
+        **details(body, actor.humanoid),
         "parts": [_part(p) for p in skin.parts],
         "deformer": actor.deformer,
         "travel": actor.travel.tolist(),
@@ -209,6 +209,12 @@ def _still(name: str, mesh: Mesh) -> bytes:
     part = Part(mesh.name or "object", 0, len(mesh.triangles), double_sided=True)
     fields = {"actor": name, "joints": [], "parents": [], "sites": [], "displacers": [], "parts": [_part(part)]}
     return encode("mesh", fields | {"deformer": "", "travel": [0, 0, 0], "frames": 1, "fps": 30.0}, blocks)
+
+
+def _limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Limits (J,3,2) with NaN for every axis that is free: one without both, or whose lower is not below its upper."""
+    bounded = (limits[..., 0] < limits[..., 1])[..., None] & np.isfinite(limits).all(axis=-1, keepdims=True)
+    return np.where(bounded, limits, np.nan)
 
 
 def _bytes(colors: NDArray[np.float64]) -> NDArray[np.uint8]:

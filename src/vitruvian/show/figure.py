@@ -203,7 +203,7 @@ class Figure:
                 frame = np.eye(4)
                 frame[:3, :3], frame[:3, 3] = turned.get(name, np.eye(3)), point
                 frame = self.placement @ matrices[joint] @ frame
-                out[name] = frame if name in turned else _looking(frame, surface.vertices)
+                out[name] = frame if name in turned else looking(frame, surface.vertices)
         return out
 
     def _turned_sites(self) -> dict[str, Array]:
@@ -235,7 +235,7 @@ def _sparse(body: Body) -> bool:
     return len(body.skeleton) > 5 and area < 0.12 * tall**2
 
 
-def _looking(frame: Array, points: Array) -> Array:
+def looking(frame: Array, points: Array) -> Array:
     """The frame turned so that its -Z axis points at the figure: at its middle from afar, level from near by."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, tall = (low + high) / 2, high[1] - low[1]

@@ -16,6 +16,8 @@ from vitruvian.show.actors import actors_of
 if TYPE_CHECKING:
     from vitruvian.show.server import Server
 
+LONGEST = 600  # characters of one field of a finding
+
 
 class Window:
     """A page that is being served from another thread: `url`, and `close()`. A context manager too."""
@@ -83,4 +85,4 @@ def finding_fields(finding: object) -> Mapping[str, Any]:
     if not isinstance(raw, Mapping):
         raise VitruvianError(f"findings: expected dataclasses or mappings, found {type(finding).__name__}")
     names = ("rule", "severity", "where", "line", "message", "fix")
-    return {n: raw[n] if isinstance(raw[n], int) else str(raw[n]) for n in names if raw.get(n) is not None}
+    return {n: raw[n] if isinstance(raw[n], int) else str(raw[n])[:LONGEST] for n in names if raw.get(n) is not None}

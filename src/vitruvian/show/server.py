@@ -47,6 +47,13 @@ MODULES = (
     "studio.js",
     "overlays.js",
     "panels.js",
+    "explorer.js",
+    "level.js",
+    "ranges.js",
+    "details.js",
+    "places.js",
+    "shapes.js",
+    "findings.js",
     "controls.js",
     "colors.js",
     "vendor/OrbitControls.js",
@@ -64,6 +71,7 @@ IN_FLIGHT = 3  # frames sent and not yet acknowledged, per page
 INTERVAL = 1 / 60  # seconds between frames
 RATE = 200  # requests per second and page
 STRIKES = 3  # bad requests until the connection is closed
+MAX_FINDINGS = 1000  # that a page lists; how many there are it always says
 PATIENCE = 5.0  # seconds for the first message
 
 
@@ -163,7 +171,9 @@ class Showing:
             name = request["joint"] if kind == "set_rotation" else request["name"]
             if name not in table:
                 raise VitruvianError(f"request {kind}: {actor.name} has no {name!r:.60}")
-            if kind == "set_displacer":
+            if kind == "clear_displacer":
+                self.displaced[actor.name].pop(table[name], None)
+            elif kind == "set_displacer":
                 self.displaced[actor.name][table[name]] = float(request["weight"])
             else:
                 self.turns[actor.name][table[name]] = np.asarray(request["rotation"], dtype=np.float64)
@@ -185,7 +195,8 @@ class Showing:
                 "actors": [a.name for a in self.actors],
                 "frames": self.frames,
                 "fps": self.fps,
-                "findings": self.findings,
+                "findings": self.findings[:MAX_FINDINGS],
+                "found": len(self.findings),
                 "deformers": list(deformers),
             }
             | self.running(),

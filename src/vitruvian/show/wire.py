@@ -133,6 +133,7 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "deformer": {"actor": ("text", 0, 200), "name": ("text", 0, 40)},
     "set_rotation": {"actor": ("text", 0, 200), "joint": ("text", 0, 200), "rotation": ("quaternion", -1.001, 1.001)},
     "set_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200), "weight": ("number", -10, 10)},
+    "clear_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200)},
     "clear_pose": {"actor": ("text", 0, 200)},
 }
 

@@ -1,14 +1,34 @@
 // Icons, tooltips, keys, theme: what every control of the page has in common.
 
+/** An element with class and text; text is never markup. */
+export function el(tag, className = "", text = "") {
+  const e = document.createElement(tag);
+  if (className) e.className = className;
+  if (text) e.textContent = text;
+  return e;
+}
+
+/** The icon of that name as an SVG element. */
+export function icon(name) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), use = document.createElementNS(svg.namespaceURI, "use");
+  svg.setAttribute("viewBox", "0 0 20 20");
+  svg.setAttribute("class", "icon");
+  use.setAttribute("href", `#i-${name}`);
+  svg.append(use);
+  return svg;
+}
+
+/** A small button with a name from the file. */
+export function chip(text, tip, act, className = "") {
+  const button = el("button", `chip ${className}`, text);
+  button.dataset.tip = tip;
+  button.onclick = act;
+  return button;
+}
+
 /** Put its icon into each button; returns a function that changes one. */
 export function icons() {
-  const set = (button, name) => {
-    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg"), use = document.createElementNS(svg.namespaceURI, "use");
-    svg.setAttribute("viewBox", "0 0 20 20");
-    use.setAttribute("href", `#i-${name}`);
-    svg.append(use);
-    button.replaceChildren(svg);
-  };
+  const set = (button, name) => button.replaceChildren(icon(name));
   for (const button of document.querySelectorAll("[data-icon]")) {
     set(button, button.dataset.icon);
     button.setAttribute("aria-label", button.dataset.tip);
@@ -43,10 +63,11 @@ export function tooltips(tip) {
 /** Keys: {"Space": fn, "Ctrl+Z": fn, ...}; ignored while text is being typed. */
 export function keys(table) {
   document.addEventListener("keydown", (e) => {
-    const typing = e.target.matches?.("input[type=search], input[type=text], textarea");
+    const typing = e.target.matches?.("input[type=search], input[type=text], input[type=number], textarea");
     if (typing) { if (e.key === "Escape") e.target.blur(); return; }
     const arrows = e.key.startsWith("Arrow") || e.key === "Home" || e.key === "End";
     if (arrows && e.target.matches?.("input[type=range], select")) return;
+    if (e.key === " " && e.target.matches?.("summary, input[type=checkbox]")) return; // it opens or ticks these
     let name = e.key === " " ? "Space" : e.key.length === 1 ? e.key.toUpperCase() : e.key;
     if (e.ctrlKey || e.metaKey) name = `Ctrl+${e.shiftKey ? "Shift+" : ""}${name}`;
     else if (e.altKey) return;

@@ -6,6 +6,7 @@ import { DEFORMERS, bind, deform, restNormals, subset } from "./deform.js";
 import { coarser, ordered } from "./detail.js";
 import { flat, material } from "./looks.js";
 import { RAMP, category, toLinear } from "./colors.js";
+import { aboveAt, follow, keptAt } from "./level.js";
 import { center, turned } from "./pose.js";
 import * as wire from "./wire.js";
 
@@ -16,7 +17,9 @@ export class Figure {
     const get = (name) => blocks[name]?.array;
     Object.assign(this, { name: header.actor, joints: header.joints, parents: header.parents, sites: header.sites });
     Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel });
+    Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [] });
     this.centers = get("centers") ?? new Float32Array(0);
+    this.stiffness = get("stiffness");
     this.limits = get("limits");
     this.limitOrientation = get("limit_orientation");
     this.sitePoints = get("site_points") ?? new Float32Array(0);
@@ -42,13 +45,29 @@ export class Figure {
         morphs: morphs(header.displacers, blocks),
       });
       this.pose = identity(this.joints.length); // as posed by hand, without binding
-      this.clip = identity(this.joints.length); // as the frame has it
+      this.given = identity(this.joints.length); // as the frame has it
+      this.clip = identity(this.joints.length); // the same at the level of articulation that is shown
       this.bound = new Float32Array(this.pose.length);
       this.displacerWeights = new Float32Array(this.displacers.length);
       this.blobs = blobs(this, rest);
     }
+    this.stature = extent(rest, this.centers); // in units of the humanoid's space, which need not be metres
+    this.setLevel(4);
     this.build(header.parts, get("colors"), get("openness"), get("placement"));
   }
+
+  /** Show only joints up to this level of articulation; the others follow (level.js). */
+  setLevel(level) {
+    this.level = level;
+    this.kept = keptAt(this.loa, this.parents, level);
+    this.above = aboveAt(this.kept, this.parents);
+    this.folded = this.kept.some((k, j) => k !== j);
+    this.bindingShown = this.binding && follow(this.binding, this.kept, new Float32Array(this.binding.length));
+    if (this.isBody) follow(this.given, this.kept, this.clip);
+  }
+
+  /** Turns by hand of the joints that are kept. */
+  get shownTurns() { return this.folded ? new Map([...this.turns].filter(([j]) => this.kept[j] === j)) : this.turns; }
 
   build(parts, colors, openness, placement) {
     this.colors = colors;
@@ -127,7 +146,8 @@ export class Figure {
   update(blocks) {
     if (!this.isBody) return;
     if (blocks?.pose) {
-      this.clip.set(blocks.pose.array);
+      this.given.set(blocks.pose.array);
+      follow(this.given, this.kept, this.clip);
       this.displacerWeights.set(blocks.displacers?.array ?? []);
     }
     this.served = blocks?.vertices ? blocks : null;
@@ -137,8 +157,8 @@ export class Figure {
   /** Deform in the present pose. */
   refresh() {
     if (!this.isBody) return;
-    turned(this.clip, this.turns, this.parents, this.centers, this.pose);
-    if (this.served) {
+    turned(this.clip, this.shownTurns, this.parents, this.centers, this.pose);
+    if (this.served && !this.folded) {
       wire.positions(this.served.vertices, this.positions);
       wire.normals(this.served.normals, this.normals);
       this.coarse = null;
@@ -155,7 +175,7 @@ export class Figure {
 
   kernel() { return DEFORMERS.includes(this.deformer) ? this.deformer : "log"; }
 
-  matrices() { return this.binding ? multiply(this.pose, this.binding, this.bound) : this.pose; }
+  matrices() { return this.binding ? multiply(this.pose, this.bindingShown, this.bound) : this.pose; }
 
   weights() {
     if (!this.displaced.size) return this.displacerWeights;
@@ -183,7 +203,7 @@ export class Figure {
       this.mesh.material = this.looks;
       return;
     }
-    const value = mode === "weights" ? this.jointWeights(j) : this.owners(), c = new Float32Array(3 * N), linear = RAMP.map((rgb) => rgb.map(toLinear));
+    const value = mode === "weights" ? this.jointWeights(j) : this.owners().map((o) => this.kept[o]), c = new Float32Array(3 * N), linear = RAMP.map((rgb) => rgb.map(toLinear));
     const palette = mode === "weights" ? null : this.joints.map((_, i) => category(i).map(toLinear));
     for (let i = 0; i < N; i++) {
       const v = value[this.source[i]];
@@ -195,11 +215,11 @@ export class Figure {
 
   jointWeights(j) {
     const out = new Float32Array(this.row.length - 1);
-    for (let v = 0; v < out.length; v++) for (let k = this.row[v]; k < this.row[v + 1]; k++) if (this.joint[k] === j) out[v] += this.weight[k];
+    for (let v = 0; v < out.length; v++) for (let k = this.row[v]; k < this.row[v + 1]; k++) if (this.kept[this.joint[k]] === j) out[v] += this.weight[k];
     return out;
   }
 
-  /** Joint with the largest weight, of each vertex. */
+  /** Joint with the largest weight, of each vertex; it may be one that follows another now. */
   owners() {
     const out = new Uint16Array(this.row.length - 1);
     for (let v = 0; v < out.length; v++) {
@@ -233,8 +253,46 @@ export class Figure {
   }
 
   sitePosition(s, out = new THREE.Vector3()) {
-    const m = 12 * this.sites[s].joint, p = this.sitePoints, x = p[3 * s], y = p[3 * s + 1], z = p[3 * s + 2], M = this.pose;
+    return this.moved(this.sites[s].joint, this.sitePoints.subarray(3 * s, 3 * s + 3), out);
+  }
+
+  /** World position of the point [x, y, z] of the rest pose that rides on joint j; j -1: on the humanoid itself. */
+  moved(j, [x, y, z], out = new THREE.Vector3()) {
+    if (j < 0) return out.set(x, y, z).applyMatrix4(this.space.matrixWorld);
+    const m = 12 * j, M = this.pose;
     return out.fromArray([0, 4, 8].map((r) => M[m + r] * x + M[m + r + 1] * y + M[m + r + 2] * z + M[m + r + 3])).applyMatrix4(this.space.matrixWorld);
+  }
+
+  /** {joint, point}: the middle of displacer d's vertices at rest and the joint that most of them ride on. */
+  region(d) {
+    const { index } = this.skin.morphs[d], point = [0, 0, 0], votes = new Map(), owner = (this.owner ??= this.owners());
+    for (const v of index) {
+      for (let c = 0; c < 3; c++) point[c] += this.rest[3 * v + c] / index.length;
+      votes.set(owner[v], (votes.get(owner[v]) ?? 0) + 1);
+    }
+    return { point, joint: [...votes].sort((a, b) => b[1] - a[1])[0]?.[0] ?? 0 };
+  }
+
+  /** [vertices that follow joint j at all, vertices that follow it most]. */
+  skinOf(j) {
+    let any = 0, most = 0;
+    const owner = (this.owner ??= this.owners());
+    for (let v = 0; v + 1 < this.row.length; v++) {
+      for (let k = this.row[v]; k < this.row[v + 1]; k++) if (this.kept[this.joint[k]] === j && this.weight[k] > 0) { any++; break; }
+      if (this.row[v + 1] > this.row[v] && this.kept[owner[v]] === j) most++;
+    }
+    return [any, most];
+  }
+
+  /** Unit normal of the drawn skin vertex nearest to a world point, or null when nothing is drawn. */
+  outward(point) {
+    const p = point.clone().applyMatrix4(this.space.matrixWorld.clone().invert()), { position, normal } = this.mesh.geometry.attributes;
+    let best = Infinity, at = -1;
+    for (let i = 0, a = position.array; i < a.length; i += 3) {
+      const d = (a[i] - p.x) ** 2 + (a[i + 1] - p.y) ** 2 + (a[i + 2] - p.z) ** 2;
+      if (d < best) { best = d; at = i; }
+    }
+    return at < 0 ? null : new THREE.Vector3().fromArray(normal.array, at).transformDirection(this.space.matrixWorld);
   }
 
   /** Spheres [x, y, z, r] about the vertices of each joint, in world space. */
@@ -248,7 +306,7 @@ export class Figure {
     });
   }
 
-  /** [low, high] of the present surface. */
+  /** [low, high] of the present surface, or of the joints where there is none. */
   box() {
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9], p = new THREE.Vector3();
     this.group.updateMatrixWorld(true);
@@ -257,8 +315,20 @@ export class Figure {
       p.fromArray(points, i).applyMatrix4(this.space.matrixWorld);
       for (const [a, v] of [[0, p.x], [1, p.y], [2, p.z]]) { low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); }
     }
+    if (!points.length) this.joints.forEach((_, j) => { // a bare skeleton
+      this.jointPosition(j, p);
+      for (const [a, v] of [[0, p.x], [1, p.y], [2, p.z]]) { low[a] = Math.min(low[a], v); high[a] = Math.max(high[a], v); }
+    });
     return [low, high];
   }
+}
+
+/** Largest side of the box about all points and centres; 1.75 when there is none. */
+function extent(...arrays) {
+  const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+  for (const a of arrays) for (let i = 0; i < a.length; i++) { low[i % 3] = Math.min(low[i % 3], a[i]); high[i % 3] = Math.max(high[i % 3], a[i]); }
+  const most = Math.max(...high.map((h, c) => h - low[c]));
+  return most > 0 && Number.isFinite(most) ? most : 1.75;
 }
 
 function identity(J) {

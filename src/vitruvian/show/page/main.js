@@ -5,7 +5,7 @@ import { DEFORMERS } from "./deform.js";
 import { RAMP, css } from "./colors.js";
 import { Figure } from "./figure.js";
 import { History, localRotation, toQuaternion } from "./pose.js";
-import { JointTree, Shapes, showFindings } from "./panels.js";
+import { Explorer } from "./explorer.js";
 import { LiveSource, RecordedSource } from "./source.js";
 import { Overlay, pick } from "./overlays.js";
 import { Studio } from "./studio.js";
@@ -38,10 +38,7 @@ class Page {
     this.drawn = [];
     this.offset = new THREE.Vector3();
     this.history = new History(() => this.edited());
-    this.tree = new JointTree($("joints"), $("joint-filter"), {
-      select: (j) => this.select(j), turn: (j, R, key) => this.turn(j, R, key), settle: () => this.history.settle(),
-    });
-    this.shapes = new Shapes($("shapes"), { displace: (d, w, key) => this.displace(d, w, key), settle: () => this.history.settle() });
+    this.explorer = new Explorer(this);
     studio.canvas.classList.add("empty");
     studio.head = () => this.face();
     $("legend-ramp").style.background = `linear-gradient(to right, ${RAMP.filter((_, i) => i % 15 === 0).map(css).join(", ")})`;
@@ -62,6 +59,10 @@ class Page {
       }))),
       drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
       selected: read(() => page.figure?.joints[page.selected] ?? null),
+      level: read(() => (page.figure ? Number($("loa").value) : null)),
+      bones: read(() => page.figure?.overlay.shown.map((j) => page.figure.joints[j]) ?? []),
+      angles: read(() => (page.selected >= 0 ? [...page.explorer.details.now] : null)),
+      camera: read(() => ({ position: page.studio.camera.position.toArray(), target: page.studio.controls.target.toArray(), fov: page.studio.camera.fov, moving: Boolean(page.studio.flight) })),
       quality: read(() => page.studio.qualityName),
       software: read(() => page.studio.software),
       connected: read(() => Boolean(page.source?.connected)),
@@ -69,6 +70,7 @@ class Page {
     });
     state.positions = (name) => Array.from((page.figures.get(name) ?? page.figure)?.whole() ?? []);
     state.screen = (joint) => page.screen(joint);
+    state.site = (name) => { const s = page.figure?.sites.findIndex((x) => x.name === name) ?? -1; return s < 0 ? null : page.figure.sitePosition(s).toArray(); };
     Object.defineProperty(window, "vitruvian", { value: Object.freeze(state), writable: false });
   }
 
@@ -119,12 +121,9 @@ class Page {
     $("deformer").replaceChildren(...this.hello.deformers.map((n) => new Option(DEFORMER_WORDS[n] ?? n, n)));
     $("deformer").value = figure.deformer;
     $("deformer").disabled = !figure.isBody;
-    this.tree.show(figure);
-    this.shapes.show(figure);
+    this.explorer.present(figure, this.hello);
     this.history.done.length = this.history.undone.length = 0;
     this.edited();
-    showFindings($("findings"), $("finding-count"), this.hello.findings, figure.joints, (j) => { $("joints-panel").open = true; this.select(j); });
-    $("finding-count").parentElement.parentElement.classList.toggle("empty", !this.hello.findings.length);
   }
 
   frame(header, blocks) {
@@ -157,6 +156,7 @@ class Page {
     else this.studio.frame(low, high);
     for (const f of this.figures.values()) this.studio.scene.add(f.group);
     this.studio.canvas.classList.remove("empty");
+    if (!this.again && [...this.figures.values()].every((f) => !f.triangles.length)) $("bones").setAttribute("aria-pressed", "true"); // else nothing would be seen
     this.looks();
   }
 
@@ -173,14 +173,16 @@ class Page {
       if (figure.isBody) this.studio.track(figure.jointPosition(root(figure)), dt, this.header.playing);
       this.rebase();
     }
+    if (this.changed || this.studio.moving) for (const o of this.overlays.values()) o.update((p) => this.studio.pixel(p));
     if (this.changed) {
-      for (const o of this.overlays.values()) o.update();
+      this.explorer.update();
       this.studio.shade([...this.figures.values()].flatMap((f) => f.spheres()));
       this.transport();
     }
     if (this.changed || this.header.playing || this.studio.moving) this.stillSince = now;
     this.studio.settle(now - (this.stillSince ?? now) > 300);
     if (this.studio.draw(dt, this.changed)) {
+      this.explorer.beacon.update(this.studio);
       this.drawn.push(now);
       while (this.drawn.length > 60 || now - this.drawn[0] > 3000) this.drawn.shift();
       if (this.header.playing && dt) this.studio.watch(Math.max(performance.now() - began, 1000 * dt));
@@ -212,8 +214,7 @@ class Page {
     }
     if (document.activeElement !== $("speed") && $("speed").value !== String(speed)) $("speed").value = String(speed);
     $("loop").setAttribute("aria-pressed", String(Boolean(loop)));
-    this.tree.update();
-    if ($("shapes-panel").open) this.shapes.update();
+    if ($("shapes-panel").open) this.explorer.shapes.update();
     const now = performance.now();
     if (now - (this.rated ?? 0) > 500) {
       this.rated = now;
@@ -223,14 +224,6 @@ class Page {
   }
 
   // Editing ---------------------------------------------------------------------------------------------------------
-
-  select(j) {
-    this.selected = j;
-    this.tree.select(j);
-    this.figure.overlay.color(j);
-    if (this.mode === "weights") this.looks();
-    this.changed = true;
-  }
 
   turn(j, R, key) {
     const { figure } = this, before = figure.turns.get(j) ?? null;
@@ -254,7 +247,7 @@ class Page {
   putShape(figure, d, weight) {
     if (weight === null) figure.displaced.delete(d);
     else figure.displaced.set(d, weight);
-    this.source.displacer(figure.name, figure.displacers[d].name, weight ?? figure.displacerWeights[d]);
+    this.source.displacer(figure.name, figure.displacers[d].name, weight);
     this.refresh(figure);
   }
 
@@ -278,12 +271,19 @@ class Page {
     this.history.push({ undo: () => put(turns, shapes), redo: () => put([], []) });
   }
 
+  /** All displacers back to what the clip gives, in one step. */
+  resetShapes() {
+    const { figure } = this, shapes = new Map(figure.displaced);
+    if (!shapes.size) return;
+    const put = (all) => { for (const d of shapes.keys()) this.putShape(figure, d, all?.get(d) ?? null); };
+    put(null);
+    this.history.push({ undo: () => put(shapes), redo: () => put(null) });
+  }
+
   edited() {
     $("undo").disabled = !this.history.done.length;
     $("redo").disabled = !this.history.undone.length;
-    if (!this.figure) return;
-    this.tree.marks();
-    this.shapes.update();
+    if (this.figure) this.explorer.edited();
   }
 
   // Looks -----------------------------------------------------------------------------------------------------------
@@ -296,14 +296,16 @@ class Page {
       figure.overlay.skeleton.visible = pressed("bones");
       figure.overlay.pins.visible = pressed("sites");
     }
+    this.explorer.showRanges();
     $("legend").hidden = this.mode !== "weights" || !this.figure?.isBody;
+    $("details").classList.toggle("short", !$("legend").hidden); // room for the legend
     $("legend-name").textContent = `Weight of ${this.figure?.joints[Math.max(0, this.selected)] ?? ""}`;
     this.changed = true;
   }
 
   setMode(mode) {
     this.mode = this.mode === mode ? "skin" : mode;
-    if (this.mode === "weights" && this.selected < 0 && this.figure?.isBody) this.select(heaviest(this.figure));
+    if (this.mode === "weights" && this.selected < 0 && this.figure?.isBody) this.explorer.select(heaviest(this.figure));
     for (const m of ["weights", "segments"]) $(m).setAttribute("aria-pressed", String(this.mode === m));
     this.looks();
   }
@@ -369,9 +371,16 @@ class Page {
     click("reset-pose", () => this.reset());
     toggle("help", (on) => { keyList($("keys")); $("keys").hidden = !on; });
     $("deformer").onchange = () => this.setDeformer($("deformer").value);
-    $("shapes-panel").ontoggle = () => this.shapes.update();
+    $("shapes-panel").ontoggle = () => this.explorer.shapes.update();
+    const { explorer } = this;
+    $("loa").onchange = () => explorer.chooseLevel(Number($("loa").value));
+    toggle("arcs", () => explorer.showRanges());
+    click("fly", () => explorer.flyTo(this.selected));
+    click("unselect", () => explorer.select(-1));
+    click("reset-shapes", () => this.resetShapes());
     const cycle = () => { const all = [...$("deformer").options].map((o) => o.value); this.setDeformer(all[(all.indexOf($("deformer").value) + 1) % all.length]); };
     const speed = (d) => () => { const s = $("speed"); s.selectedIndex = Math.min(s.length - 1, Math.max(0, s.selectedIndex + d)); source.speed(Number(s.value)); };
+    const seek = (panel, filter) => () => { $(panel).open = true; $(filter).focus(); };
     const press = (id) => () => $(id).click();
     keys({
       Space: play, ArrowLeft: () => source.step(-1), ArrowRight: () => source.step(1), "[": speed(-1), "]": speed(1), L: press("loop"),
@@ -379,7 +388,9 @@ class Page {
       B: press("bones"), W: press("weights"), C: press("segments"), M: press("wire"), P: press("sites"), D: cycle, K: press("follow"),
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
-      "/": () => { $("joints-panel").open = true; $("joint-filter").focus(); },
+      N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
+      X: press("reset-shapes"), Backspace: press("unselect"),
+      "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { for (const p of document.querySelectorAll(".panel")) p.open = false; if (pressed("help")) $("help").click(); },
     });
@@ -402,7 +413,8 @@ class Page {
       const hit = this.at(e);
       let j = hit?.kind === "joint" ? hit.index : -1;
       if (j < 0 && (this.mode !== "skin" || $("joints-panel").open)) j = pick(this.figure, e.clientX, e.clientY, camera, canvas.clientWidth, canvas.clientHeight);
-      if (j >= 0) this.select(j);
+      if (hit?.kind === "site") this.explorer.site(hit.index);
+      else if (j >= 0) this.explorer.select(j);
     });
   }
 
@@ -431,6 +443,6 @@ function root(figure) {
 /** Joint with the most skin: a good first one to show the weights of. */
 function heaviest(figure) {
   const sum = new Float64Array(figure.joints.length);
-  figure.joint.forEach((j, k) => { sum[j] += figure.weight[k]; });
+  figure.joint.forEach((j, k) => { sum[figure.kept[j]] += figure.weight[k]; });
   return sum.indexOf(Math.max(...sum));
 }

@@ -5,19 +5,16 @@ import { center } from "./pose.js";
 
 const SIDES = { l: "#58c4b8", r: "#f0a35e", m: "#f4f1ea" };
 const SELECTED = "#ffe14a";
+const KINDS = { "feature point": "#b78cf2", "end effector": "#ff9d5c", viewpoint: "#5cc8ff", other: "#c9c4bd" };
 const side = (name) => (/^(l_|left)/i.test(name) ? "l" : /^(r_|right)/i.test(name) ? "r" : "m");
 
 export class Overlay {
   constructor(figure) {
     this.figure = figure;
-    this.bones = [];
-    figure.parents.forEach((p, j) => { if (p >= 0) this.bones.push([p, j]); });
     const look = (opacity) => new THREE.MeshBasicMaterial({ transparent: true, opacity, depthTest: false, depthWrite: false, toneMapped: false });
-    this.sticks = new THREE.InstancedMesh(bone(), look(0.62), Math.max(1, this.bones.length));
+    this.sticks = new THREE.InstancedMesh(bone(), look(0.62), Math.max(1, figure.joints.length));
     this.dots = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 10, 8), look(0.95), Math.max(1, figure.joints.length));
     this.pins = new THREE.InstancedMesh(new THREE.OctahedronGeometry(1), look(0.95), Math.max(1, figure.sites.length));
-    this.sticks.count = this.bones.length;
-    this.dots.count = figure.joints.length;
     this.pins.count = figure.sites.length;
     this.skeleton = new THREE.Group();
     this.skeleton.add(this.sticks, this.dots);
@@ -26,45 +23,65 @@ export class Overlay {
     this.group = new THREE.Group();
     this.group.add(this.skeleton, this.pins);
     figure.space.add(this.group);
+    this.site = -1;
+    this.selected = -1;
+    this.relevel();
+    this.colorSites(-1);
+  }
+
+  /** Joints and bones of the level that the figure shows. */
+  relevel() {
+    const { kept, above } = this.figure;
+    this.shown = [...kept.keys()].filter((j) => kept[j] === j);
+    this.bones = this.shown.filter((j) => above[j] >= 0).map((j) => [above[j], j]);
+    this.dots.count = this.shown.length;
+    this.sticks.count = this.bones.length;
     this.size = this.sizes();
-    this.color(-1);
-    const pin = new THREE.Color("#b78cf2");
-    for (let s = 0; s < this.pins.count; s++) this.pins.setColorAt(s, pin);
+    this.color(this.selected);
+  }
+
+  colorSites(selected) {
+    const c = new THREE.Color();
+    this.site = selected;
+    this.figure.sites.forEach(({ kind }, s) => this.pins.setColorAt(s, c.set(s === selected ? SELECTED : KINDS[kind] ?? KINDS.other)));
+    if (this.pins.instanceColor) this.pins.instanceColor.needsUpdate = true;
   }
 
   /** Radius of each dot: smaller where bones are short, as in hands and the face. */
   sizes() {
-    const { centers, parents, joints } = this.figure, out = joints.map(() => 0.009);
+    const { centers, above, joints, stature } = this.figure, unit = (this.unit = stature / 1.75), out = joints.map(() => 0.009 * unit);
     this.bones.forEach(([p, j]) => {
       const length = Math.hypot(...[0, 1, 2].map((c) => centers[3 * p + c] - centers[3 * j + c]));
-      out[j] = Math.min(0.009, Math.max(0.0022, 0.09 * length));
+      out[j] = Math.min(0.009 * unit, Math.max(0.0022 * unit, 0.09 * length));
     });
-    const roots = joints.map((_, j) => j).filter((j) => parents[j] < 0);
-    for (const j of roots) out[j] = 0.011;
+    for (const j of this.shown) if (above[j] < 0) out[j] = 0.011 * unit;
     return out;
   }
 
   color(selected) {
     const c = new THREE.Color(), { joints } = this.figure;
     this.selected = selected;
-    joints.forEach((name, j) => this.dots.setColorAt(j, c.set(j === selected ? SELECTED : SIDES[side(name)])));
+    this.shown.forEach((j, i) => this.dots.setColorAt(i, c.set(j === selected ? SELECTED : SIDES[side(joints[j])])));
     this.bones.forEach(([p, j], i) => this.sticks.setColorAt(i, c.set(p === selected ? SELECTED : SIDES[side(joints[j])])));
     for (const m of [this.dots, this.sticks]) if (m.instanceColor) m.instanceColor.needsUpdate = true;
   }
 
-  update() {
+  /** `pixel` (world point) -> metres of a pixel there: dots and pins stay small near by. */
+  update(pixel) {
     const { figure } = this, m = new THREE.Matrix4(), a = new THREE.Vector3(), b = new THREE.Vector3(), q = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0), s = new THREE.Vector3();
+    if (!this.skeleton.visible && !this.pins.visible) return;
+    this.scale = 1 / (figure.space.matrixWorld.getMaxScaleOnAxis() || 1);
     if (this.skeleton.visible) {
       const at = figure.joints.map((_, j) => center(figure.pose, figure.centers, j));
-      at.forEach((x, j) => {
-        const r = this.size[j] * (j === this.selected ? 1.6 : 1);
-        this.dots.setMatrixAt(j, m.makeScale(r, r, r).setPosition(...x));
+      this.shown.forEach((j, i) => {
+        const most = 7 * this.scale * pixel(figure.jointPosition(j, a)), r = Math.min(this.size[j], most) * (j === this.selected ? 1.6 : 1);
+        this.dots.setMatrixAt(i, m.makeScale(r, r, r).setPosition(...at[j]));
       });
       this.bones.forEach(([p, j], i) => {
         a.fromArray(at[p]);
         b.fromArray(at[j]).sub(a);
         const length = b.length();
-        const width = Math.min(0.1 * length, 0.022);
+        const width = Math.min(0.1 * length, 0.022 * this.unit);
         q.setFromUnitVectors(up, length > 1e-6 ? b.divideScalar(length) : up);
         this.sticks.setMatrixAt(i, m.compose(a, q, s.set(width, Math.max(length, 1e-6), width)));
       });
@@ -73,8 +90,9 @@ export class Overlay {
     if (this.pins.visible) {
       const inverse = new THREE.Matrix4().copy(figure.space.matrixWorld).invert();
       figure.sites.forEach((_, i) => {
-        figure.sitePosition(i, a).applyMatrix4(inverse);
-        this.pins.setMatrixAt(i, m.makeScale(0.006, 0.006, 0.006).setPosition(a));
+        const most = 5 * this.scale * pixel(figure.sitePosition(i, a)), r = Math.min(0.006 * this.unit, most) * (i === this.site ? 1.7 : 1);
+        a.applyMatrix4(inverse);
+        this.pins.setMatrixAt(i, m.makeScale(r, r, r).setPosition(a));
       });
       this.pins.instanceMatrix.needsUpdate = true;
     }
@@ -84,14 +102,14 @@ export class Overlay {
   nearest(x, y, camera, width, height) {
     const { figure } = this, p = new THREE.Vector3();
     let best = null;
-    const look = (kind, names, place) => names.forEach((name, index) => {
+    const look = (kind, indices, name, place) => indices.forEach((index) => {
       place(index, p).project(camera);
       if (p.z > 1) return;
       const distance = Math.hypot(((p.x + 1) / 2) * width - x, ((1 - p.y) / 2) * height - y);
-      if (distance < 14 && distance < (best?.distance ?? 1e9)) best = { kind, index, name, distance };
+      if (distance < 14 && distance < (best?.distance ?? 1e9)) best = { kind, index, name: name(index), distance };
     });
-    if (this.skeleton.visible) look("joint", figure.joints, (j, out) => figure.jointPosition(j, out));
-    if (this.pins.visible) look("site", figure.sites.map((s) => s.name), (s, out) => figure.sitePosition(s, out));
+    if (this.skeleton.visible) look("joint", this.shown, (j) => figure.joints[j], (j, out) => figure.jointPosition(j, out));
+    if (this.pins.visible) look("site", [...figure.sites.keys()], (s) => figure.sites[s].name, (s, out) => figure.sitePosition(s, out));
     return best;
   }
 }
@@ -114,5 +132,5 @@ export function pick(figure, x, y, camera, width, height) {
   const hit = ray.intersectObject(figure.mesh, false)[0];
   if (!hit || !figure.isBody) return -1;
   const owner = (figure.owner ??= figure.owners());
-  return owner[figure.drawn[hit.face.a]];
+  return figure.kept[owner[figure.drawn[hit.face.a]]];
 }

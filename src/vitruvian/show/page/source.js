@@ -72,7 +72,8 @@ export class LiveSource {
   loop(value) { this.send({ type: "loop", value }); }
   deformer(actor, name) { this.send({ type: "deformer", actor, name }); }
   rotation(actor, joint, rotation) { this.send({ type: "set_rotation", actor, joint, rotation }); }
-  displacer(actor, name, weight) { this.send({ type: "set_displacer", actor, name, weight }); }
+  /** `weight` null: what the clip gives. */
+  displacer(actor, name, weight) { this.send(weight === null ? { type: "clear_displacer", actor, name } : { type: "set_displacer", actor, name, weight }); }
   clear(actor) { this.send({ type: "clear_pose", actor }); }
 }
 

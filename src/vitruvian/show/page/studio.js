@@ -10,6 +10,7 @@ const THEMES = {
 const BLOBS = 20; // spheres under which the floor is darkened
 const CELLS = 96, SPAN = 2.6; // texture of the contact shadow: cells and metres a side
 const GRID = 0.5; // metres
+const FOV = 28; // degrees, vertical
 const GRAIN = 0.85; // pixels
 
 /** Quality steps; the page takes the best that keeps up. `dpr` caps the pixels, `shadows` is the key light's map. */
@@ -54,12 +55,12 @@ export class Studio {
     this.took = 20; // milliseconds a picture, lately
 
     this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(28, 1, 0.05, 80);
+    this.camera = new THREE.PerspectiveCamera(FOV, 1, 0.05, 80);
     this.camera.position.set(1.6, 1.45, 4.4);
     this.controls = new OrbitControls(this.camera, canvas);
     Object.assign(this.controls, { enableDamping: true, dampingFactor: 0.09, maxDistance: 30, minDistance: 0.15, zoomSpeed: 0.8, maxPolarAngle: 1.75 });
     this.controls.target.set(0, 0.9, 0);
-    this.controls.addEventListener("start", () => { this.flight = null; });
+    this.controls.addEventListener("start", () => { this.flight = null; this.leave(); });
     this.follow = true;
     this.followed = null;
     this.light();
@@ -202,7 +203,7 @@ export class Studio {
   pose(view) {
     const { low, high } = this.box, height = Math.max(high[1] - Math.min(0, low[1]), 0.05);
     const middle = this.followed ?? new THREE.Vector3((low[0] + high[0]) / 2, 0, (low[2] + high[2]) / 2);
-    const half = Math.tan((this.camera.fov * Math.PI) / 360), narrow = Math.min(1, this.camera.aspect / 0.62);
+    const half = Math.tan((FOV * Math.PI) / 360), narrow = Math.min(1, this.camera.aspect / 0.62);
     if (view === "face") {
       const face = this.head?.() ?? new THREE.Vector3(middle.x, low[1] + 0.93 * height, middle.z);
       return { position: face.clone().add(new THREE.Vector3(0.09, 0.0, 0.66)), target: face };
@@ -217,11 +218,37 @@ export class Studio {
     return { position: target.clone().add(offset), target };
   }
 
-  fly(view) {
-    if (!this.box) return;
-    const to = this.pose(view);
-    this.flight = { t: 0, from: { position: this.camera.position.clone(), target: this.controls.target.clone() }, to };
+  fly(view) { if (this.box) this.flyTo(this.pose(view)); }
+
+  /** Fly to {position, target, fov in degrees}. */
+  flyTo({ position, target, fov = FOV }) {
+    this.leave();
+    const { camera, controls } = this;
+    this.flight = { t: 0, from: { position: camera.position.clone(), target: controls.target.clone(), fov: camera.fov }, to: { position, target, fov } };
     this.stale = true;
+  }
+
+  /** Fly so that `reach` metres above and below the point are seen, from this side, or from `outward` when it is turned away. */
+  approach(point, reach, outward = null) {
+    const from = this.camera.position.clone().sub(this.controls.target).normalize();
+    if (outward && from.dot(outward) < 0.3) from.multiplyScalar(0.35).add(outward).normalize();
+    from.y = Math.max(-0.15, Math.min(0.6, from.y)); // not from under the floor, not from the top of the head
+    if (from.lengthSq() < 1e-6) from.set(0, 0, 1);
+    const distance = Math.max(reach / Math.tan((FOV * Math.PI) / 360), this.controls.minDistance);
+    this.flyTo({ position: point.clone().addScaledVector(from.normalize(), distance), target: point.clone() });
+  }
+
+  /** Fly to where `get` says, {position, target}, and ride along until somebody moves the camera. `fov` in radians. */
+  through(get, fov) {
+    this.flyTo({ ...get(), fov: (fov * 180) / Math.PI });
+    this.ride = get;
+    this.controls.maxPolarAngle = Math.PI;
+    this.controls.minDistance = 0;
+  }
+
+  leave() {
+    this.ride = null;
+    Object.assign(this.controls, { maxPolarAngle: 1.75, minDistance: 0.15 });
   }
 
   /** Move the camera along with the point that is followed. */
@@ -239,7 +266,7 @@ export class Studio {
       step.copy(move);
     }
     this.followed.add(step);
-    if (this.follow) { this.shift(step); this.stale = true; }
+    if (this.follow && !this.ride) { this.shift(step); this.stale = true; }
   }
 
   shift(step) {
@@ -253,6 +280,11 @@ export class Studio {
     if (!this.software || !(this.near > 0)) return 0;
     const pixels = this.renderer.domElement.height;
     return (GRAIN * 2 * this.near * Math.tan((this.camera.fov * Math.PI) / 360)) / pixels;
+  }
+
+  /** Metres of a pixel of the window at a world point. */
+  pixel(point) {
+    return (2 * this.camera.position.distanceTo(point) * Math.tan((this.camera.fov * Math.PI) / 360)) / (this.canvas.clientHeight || 1);
   }
 
   /** Contact shadow: how much of the sky the spheres [x, y, z, radius] hide from each cell of the floor around us. */
@@ -280,10 +312,17 @@ export class Studio {
 
   /** Draw if anything changed. Returns whether it drew. */
   draw(dt, force) {
+    if (this.ride) {
+      const at = this.ride();
+      if (this.flight) Object.assign(this.flight.to, at);
+      else if (force) { this.camera.position.copy(at.position); this.controls.target.copy(at.target); }
+    }
     if (this.flight) {
       const f = this.flight, t = (f.t = Math.min(1, f.t + dt / 0.45)), s = t * t * (3 - 2 * t);
       this.camera.position.lerpVectors(f.from.position, f.to.position, s);
       this.controls.target.lerpVectors(f.from.target, f.to.target, s);
+      this.camera.fov = f.from.fov + s * (f.to.fov - f.from.fov);
+      this.camera.updateProjectionMatrix();
       if (t === 1) this.flight = null;
       this.stale = true;
     }

@@ -1,0 +1,106 @@
+"""Levels of detail of a contour body: each a subset of the contours and points of the finer one.
+
+Every contour keeps its shares of the joints' rotations, so a point of a coarse level is where it is at full detail, to
+the bit. Source: cross-section deformation of H-Anim bodies, levels of detail as contour and point subsets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.contours import Contours, grid
+from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
+
+
+def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
+    """A body with every `contours`-th contour and every `points`-th point of each, and (V',) which vertices it kept.
+
+    Seams, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours still
+    meet and bend in the same places. What is not organised in contours stays as it is.
+    """
+    require(contours >= 1 and points >= 1, "level of detail", "steps of 1 or more", (contours, points))
+    require(bool(body.contours), "level of detail", "a body with contours", "none")
+    skin = body.skin
+    owned = np.zeros(len(skin.rest), bool)
+    kept = np.ones(len(skin.rest), bool)
+    grids = []
+    for surface in body.contours:
+        owned[surface.vertices] = True
+        kept[surface.vertices] = False
+    for surface in body.contours:
+        rows, columns = _rows(surface, contours), _columns(surface, points)
+        grids.append((surface, rows, columns))
+        kept[surface.vertices[np.ix_(rows, columns)]] = True
+    source = np.flatnonzero(kept)
+    place = np.full(len(kept), -1, np.int64)
+    place[source] = np.arange(len(source))
+    triangles: list[Ints] = []
+    parts: list[Part] = []
+    named = {s.name: (s, r, c) for s, r, c in grids}
+    total = 0
+    for part in skin.parts:
+        faces = skin.triangles[part.start : part.stop]
+        if part.name in named and owned[faces].all():
+            surface, rows, columns = named[part.name]
+            faces = grid(place[surface.vertices[np.ix_(rows, columns)]].astype(np.int32), surface.closed)
+        else:
+            faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)
+        triangles.append(faces)
+        parts.append(replace(part, start=total, stop=total + len(faces)))
+        total += len(faces)
+    smaller = Skin(
+        skin.rest[source],
+        np.concatenate(triangles),
+        _weights(skin.weights, source),
+        colors=None if skin.colors is None else skin.colors[source],
+        parts=tuple(parts),
+        morphs=tuple(
+            replace(m, index=place[m.index[kept[m.index]]].astype(np.int32), offset=m.offset[kept[m.index]])
+            for m in skin.morphs
+            if kept[m.index].any()
+        ),
+    )
+    surfaces = tuple(
+        replace(
+            s, vertices=place[s.vertices[np.ix_(rows, columns)]].astype(np.int32), swing=s.swing[rows],
+            twist=s.twist[rows], diversion=s.diversion[rows], mitre=s.mitre[rows], bulge=s.bulge[rows],
+            middle=_middles(body, s)[rows],
+        )
+        for s, rows, columns in grids
+    )  # fmt: skip
+    return replace(body, skin=smaller, contours=surfaces), source.astype(np.int32)
+
+
+def _middles(body: Body, surface: Contours) -> Floats:
+    return surface.middle if surface.middle is not None else body.skin.rest[surface.vertices].mean(axis=1)
+
+
+def _rows(surface: Contours, step: int) -> NDArray[np.int64]:
+    """Contours that are kept: every `step`-th, the seams, and where the shares of a joint begin or stop to change."""
+    count = len(surface)
+    keep = np.zeros(count, bool)
+    keep[::step] = keep[[0, -1]] = True
+    changing = np.abs(np.diff(surface.swing, axis=0)) > 1e-12
+    for column in changing.T:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(np.int8)))
+        keep[np.clip(edges, 0, count - 1)] = True
+    return np.flatnonzero(keep)
+
+
+def _columns(surface: Contours, step: int) -> NDArray[np.int64]:
+    count = surface.vertices.shape[1]
+    keep = np.zeros(count, bool)
+    keep[::step] = True
+    if not surface.closed:
+        keep[-1] = True
+    return np.flatnonzero(keep)
+
+
+def _weights(weights: Weights, source: NDArray[np.int64]) -> Weights:
+    place = np.full(len(weights), -1, np.int64)
+    place[source] = np.arange(len(source))
+    keep = place[weights.vertex] >= 0
+    return Weights.from_pairs(len(source), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep])
