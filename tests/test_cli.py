@@ -149,7 +149,7 @@ def test_every_command_takes_json(shared: Path, tmp_path: Path) -> None:
     lines = source.read_text().splitlines()
     (pair,) = [f for f in document["findings"] if f["rule"] == "S01"]
     assert "l_elbow" in pair["message"] and '"HAnimJoint"' in lines[pair["line"] - 1]
-    repaired = run("check", source, "--fix", tmp_path / "mended.json", "--json")
+    repaired = run("check", source, "--fix", tmp_path / "mended.json", "--also", "S01", "--json")
     (mended,) = json.loads(repaired.stdout)
     assert not [f for f in mended["findings"] if f["rule"] == "S01"]
     answer("pose", tmp_path / "mended.json", "--joints", '{"l_knee": [1, 0, 0, 0.8]}', "-o", tmp_path / "posed.x3dj")

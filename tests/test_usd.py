@@ -213,7 +213,7 @@ def test_bake_skinning_makes_our_frames(tmp_path: Path) -> None:
     stage = Usd.Stage.Open(str(tmp_path / "f.usdc"))
     assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetDefaultPrim()), Gf.Interval.GetFullInterval())
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/Ada/skin")).GetPointsAttr()
-    for frame in (0, 17, len(clip.motion) - 1):
+    for frame in (0, len(clip.motion) // 2, len(clip.motion) - 1):
         assert np.abs(np.array(points.Get(frame)) - ours(clip, frame)).max() <= 1e-5
 
 

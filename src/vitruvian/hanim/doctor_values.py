@@ -109,5 +109,5 @@ def outside(chart: Chart, segment: Node) -> bool:
     if not len(points) or not complete:
         return False
     low, high = points.min(axis=0), points.max(axis=0)
-    slack = 0.5 * float((high - low).max())  # a segment cut out of a skin may be a scrap of its part
+    slack = float((high - low).max())  # a segment cut out of a skin may be a scrap of its part
     return bool(((center < low - slack) | (center > high + slack)).any())
