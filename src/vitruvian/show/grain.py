@@ -39,3 +39,20 @@ def noise(points: Single, channels: int = 1) -> Single:
 def close(size: float, pixel: float) -> float:
     """How much of a pattern of that size (metres) a picture can hold whose pixels are `pixel` metres wide: 0..1."""
     return float(np.clip((size / max(pixel, 1e-9) - 1.5) / 2, 0, 1))
+
+
+BAND, SECTORS = 0.03, 12  # metres along a limb, stripes round it
+_DARK = np.array([0.10, 0.24, 0.36], np.float32)
+
+
+def checks(place: Single) -> Single:
+    """Tint (n,3) of a chequered surface at places (n,3): metres along a limb, then across it in two directions.
+
+    Bands across the limb and stripes along it; on very thin limbs the bands alone.
+    """
+    along, u, v = place.T
+    band = np.floor(along / BAND)
+    stripe = np.floor((np.arctan2(v, u) / (2 * np.pi) + 0.5) * SECTORS)
+    thin = u * u + v * v < 0.012**2
+    dark = (band + np.where(thin, 0, stripe)) % 2 == 1
+    return np.where(dark[:, None], _DARK, np.float32(1))
