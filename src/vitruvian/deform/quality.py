@@ -37,10 +37,12 @@ class Quality:
     volume: enclosed volume over rest; signed tetrahedra, with the mean point of each boundary loop as its lid's middle.
     area: least over the sections of the length of the vector area, over rest.
     thickness: least over sections and directions of the distance of two points that lie opposite, over rest.
-    bulge: largest over the sections of the largest distance from the bent bone line, over the section's own at rest.
+    bulge: one plus the furthest that a section's point moves away from the bent bone line, in mean radii of the section
+    at rest. For a round section about its bone that is the largest distance from the line over rest; for others, a side
+    that lies near the bone (the elbow's) counts as much as the others.
     folds: triangles turned by more than 90 degrees against their rest normal, which turns with the mean rotation of
     their joints ("log").
-    gap: largest distance, metres, of points that coincide at rest.
+    gap: how far, metres, points that coincide at rest come apart at most.
     stretch: largest length of an edge over rest.
     """
 
@@ -81,12 +83,13 @@ def quality(body: Body, points: NDArray, matrices: Floats, *, joints: Sequence[s
 
 
 def turned(skeleton: Skeleton, matrices: Floats) -> tuple[str, ...]:
-    """The joints with a parent that turn by more than a degree against it, for matrices (J,4,4)."""
+    """The joints with a parent that turn by more than a degree against it, most first, for matrices (J,4,4)."""
     m = _matrices(skeleton, matrices)[:, :3, :3]
     child = np.flatnonzero(skeleton.parents >= 0)
     between = np.einsum("jab,jab->j", m[child], m[skeleton.parents[child]])
     angle = np.arccos(np.clip((between - 1) / 2, -1, 1))
-    return tuple(skeleton.names[j] for j in child[angle > TURNED])
+    order = np.argsort(-angle, kind="stable")
+    return tuple(skeleton.names[child[i]] for i in order if angle[i] > TURNED)
 
 
 def _matrices(skeleton: Skeleton, matrices: Floats) -> Floats:
@@ -129,12 +132,6 @@ class Sections:
     def diameters(self, points: Floats) -> Floats:
         """(D,) distances of the opposite points, for points (N,3)."""
         return np.linalg.norm(points[self.near] - points[self.far], axis=1)
-
-    def reaches(self, points: Floats, line: Line) -> Floats:
-        """(count,) largest distance of each section from the bone line, for points (N,3)."""
-        out = np.zeros(self.count)
-        np.maximum.at(out, self.section, line.distance(points))
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +188,9 @@ class Gauge:
         self.lengths = _lengths(self.rest, self.edges)
         self.regions: dict[str, Region] = {}
         self.sections: dict[str, Sections] = {}
+        tree = Tree.of(body)
         for name in joints:
-            region = _region(body, skeleton.index[name])
+            region = _region(body, skeleton.index[name], tree)
             if region is not None:
                 self.regions[name] = region
                 self.sections[name] = _lay(self.rest, self.faces[region.limb[self.faces].all(axis=1)], region)
@@ -209,7 +207,8 @@ class Gauge:
         require(p.shape == self.rest.shape, "points", f"shape {self.rest.shape}", p.shape)
         m = _matrices(self.body.skeleton, matrices)
         flipped = self._flipped(p, m)
-        gaps = np.linalg.norm(p - p[self.welded], axis=1)
+        apart = [np.linalg.norm(q - q[self.welded], axis=1) for q in (p, self.rest)]
+        gaps = np.maximum(apart[0] - apart[1], 0)
         stretch = _lengths(p, self.edges) / np.where(self.lengths > SAME, self.lengths, np.nan)
         volumes = {"": _volume(p, self.faces) / (_volume(self.rest, self.faces) or np.nan)}
         joints: dict[str, Quality] = {}
@@ -240,9 +239,11 @@ class Gauge:
         before, after = cut.at(self.rest), cut.at(points)
         line = region.line.moved(matrices[region.parent], matrices[region.joint])
         with np.errstate(divide="ignore", invalid="ignore"):
-            area = cut.areas(after) / cut.areas(before)
+            size = cut.areas(before)
+            area = cut.areas(after) / size
             thick = cut.diameters(after) / cut.diameters(before)
-            bulge = cut.reaches(after, line) / cut.reaches(before, region.line)
+            away = line.distance(after) - region.line.distance(before)
+            bulge = 1 + away / np.sqrt(size / np.pi)[cut.section]
         return {"area": -_largest(-area), "thickness": -_largest(-thick), "bulge": _largest(bulge)}
 
     def _flipped(self, points: Floats, matrices: Floats) -> NDArray[np.bool_]:
@@ -316,7 +317,40 @@ def _boundary(faces: Ints, vertices: int) -> tuple[Ints, Ints, Floats]:
     return np.where(ahead, low, high), np.where(ahead, high, low), np.abs(net)
 
 
-def _region(body: Body, joint: int) -> Region | None:
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Joints in the order of a walk that goes down before it goes on: those below joint j have `first[j]` <= place <
+    `first[j] + size[j]`. `load` (J,): how much skin hangs on each joint and those below it."""
+
+    first: Ints
+    size: Ints
+    load: Floats
+
+    @staticmethod
+    def of(body: Body) -> Tree:
+        parents, w = body.skeleton.parents, body.skin.weights
+        n = len(parents)
+        size, load = np.ones(n, np.int32), np.bincount(w.joint, w.weight, minlength=n)
+        for j in range(n - 1, -1, -1):
+            if parents[j] >= 0:
+                size[parents[j]] += size[j]
+                load[parents[j]] += load[j]
+        first, free, top = np.zeros(n, np.int32), np.zeros(n, np.int32), 0
+        for j, parent in enumerate(parents):
+            first[j] = free[parent] if parent >= 0 else top
+            if parent >= 0:
+                free[parent] += size[j]
+            else:
+                top += size[j]
+            free[j] = first[j] + 1
+        return Tree(first, size, load)
+
+    def under(self, joint: int) -> NDArray[np.bool_]:
+        """(J,) the joint and all below it."""
+        return (self.first >= self.first[joint]) & (self.first < self.first[joint] + self.size[joint])
+
+
+def _region(body: Body, joint: int, tree: Tree) -> Region | None:
     """The surface round a joint; None for a root, and where its bones have no length."""
     skeleton, skin = body.skeleton, body.skin
     parents, centers = skeleton.parents, skeleton.centers
@@ -327,16 +361,13 @@ def _region(body: Body, joint: int) -> Region | None:
     size = float(np.linalg.norm(back))
     if size < SAME:
         return None
-    under = np.zeros(len(skeleton), bool)  # the joint and all below it
-    under[joint] = True
-    for j in range(joint + 1, len(skeleton)):
-        under[j] = parents[j] >= 0 and under[parents[j]]
+    under = tree.under(joint)
     w = skin.weights
     share = np.bincount(w.vertex, w.weight * (under[w.joint] | (w.joint == parent)), minlength=len(skin.rest))
     limb = share > 0.5 * np.maximum(w.sums, 1e-9)
     limb &= w.counts > 0
     below = np.bincount(w.vertex, w.weight * under[w.joint], minlength=len(skin.rest)) > 0.5
-    end = _end(body, joint, 0.25 * size)
+    end = _end(skeleton, tree, joint, 0.25 * size)
     if end is None and below.any():  # the last joint of a chain: on along the parent's bone
         end = centers[joint] - back / size * float(((skin.rest[below] - centers[joint]) @ -back / size).max())
     on = np.zeros(3) if end is None else end - centers[joint]
@@ -352,19 +383,14 @@ def _region(body: Body, joint: int) -> Region | None:
     return Region(joint, parent, line, reach, limb, vertices, vertices[skin.triangles].all(axis=1))
 
 
-def _end(body: Body, joint: int, least: float) -> Floats | None:
+def _end(skeleton: Skeleton, tree: Tree, joint: int, least: float) -> Floats | None:
     """Where the bone of a joint ends: the next joint on the heaviest branch that is at least so far away."""
-    skeleton, w = body.skeleton, body.skin.weights
-    load = np.bincount(w.joint, w.weight, minlength=len(skeleton))
-    for j in range(len(skeleton) - 1, 0, -1):
-        if skeleton.parents[j] >= 0:
-            load[skeleton.parents[j]] += load[j]
     at = joint
     while True:
         below = np.flatnonzero(skeleton.parents == at)
         if not len(below):
             return None if at == joint else skeleton.centers[at]
-        at = int(below[np.argmax(load[below])])
+        at = int(below[np.argmax(tree.load[below])])
         if np.linalg.norm(skeleton.centers[at] - skeleton.centers[joint]) >= least:
             return skeleton.centers[at]
 
@@ -372,6 +398,8 @@ def _end(body: Body, joint: int, least: float) -> Floats | None:
 def _lay(rest: Floats, faces: Ints, region: Region) -> Sections:
     """The closed sections round the bone, in planes from the middle of one bone to the middle of the next."""
     line = region.line
+    used, faces = np.unique(faces, return_inverse=True)
+    rest, faces = rest[used], faces.reshape(-1, 3)
     pieces: list[tuple[NDArray, ...]] = []
     nodes = 0
     for s in np.linspace(-1, 1, STATIONS):
@@ -390,7 +418,7 @@ def _lay(rest: Floats, faces: Ints, region: Region) -> Sections:
         near, far = _opposite(points, normal)
         k = len(pieces)
         pieces.append(
-            (first, second, share, np.full(len(first), k), start + nodes, stop + nodes, np.full(len(start), k),
+            (used[first], used[second], share, np.full(len(first), k), start + nodes, stop + nodes, np.full(len(start), k),
              near + nodes, far + nodes, np.full(len(near), k))
         )  # fmt: skip
         nodes += len(first)
@@ -405,7 +433,8 @@ def _slice(rest: Floats, faces: Ints, center: Floats, normal: Floats) -> tuple[N
 
     A vertex in the plane counts as above it, so that every triangle is cut in two edges or in none.
     """
-    above = (rest - center) @ normal >= 0
+    height = (rest - center) @ normal
+    above = height >= 0
     side = above[faces]
     cut = np.flatnonzero(side.any(axis=1) & ~side.all(axis=1))
     if len(cut) < 3:
@@ -420,7 +449,6 @@ def _slice(rest: Floats, faces: Ints, center: Floats, normal: Floats) -> tuple[N
     keys, where = np.unique(low * len(rest) + high, return_inverse=True)
     where = where.reshape(-1, 2)
     first, second = keys // len(rest), keys % len(rest)
-    height = (rest - center) @ normal
     share = height[first] / (height[first] - height[second])
     points = (1 - share[:, None]) * rest[first] + share[:, None] * rest[second]
 
@@ -455,4 +483,3 @@ def _opposite(points: Floats, normal: Floats) -> tuple[Ints, Ints]:
     ways = np.outer(np.cos(angle), x) + np.outer(np.sin(angle), np.cross(normal, x))
     height = points @ ways.T
     return np.argmin(height, axis=0), np.argmax(height, axis=0)
-

@@ -17,10 +17,10 @@ from vitruvian.deform.deformer import NAMES, deformer
 from vitruvian.deform.quality import Gauge, Quality, Report, turned
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.atomic import atomic
-from vitruvian.show.camera import Camera, direction, fit
+from vitruvian.show.camera import Camera, fit
 from vitruvian.show.figure import Figure
 from vitruvian.show.picture import aim, floor_of
-from vitruvian.show.render import Pixels, render
+from vitruvian.show.render import Pixels, render, whole
 from vitruvian.show.shade import KINDS, kind_of
 from vitruvian.show.surfaces import Surface
 from vitruvian.stage.clip import Clip
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 Pose = Mapping[str, Sequence[float]]
 COMPARED = ("linear", "log", "volume", "contours")
-CLOSE = 3  # joints that get a picture of their own
+CLOSE = 4  # joints that get a picture of their own
+MOST = 32  # joints that are measured
 _CLAY = (0.86, 0.80, 0.74)
 _INK, _FAINT, _BAD, _PAPER = (38, 40, 44), (112, 115, 120), (186, 52, 28), (250, 249, 247)
 
@@ -64,6 +65,7 @@ def compare(
     figure in pixels. Above each column the whole figure, below it the joints that turn most, from the side.
     Raises VitruvianError for unknown deformers and joints, and for another ending than .png.
     """
+    size = whole(size)
     require(bool(deformers), "compare", "at least one deformer", "none")
     for name in deformers:
         if name not in NAMES:
@@ -97,7 +99,7 @@ def _posed(humanoid: Humanoid, body: Body, name: str, pose: Pose) -> Posed:
         rotation[s.index[joint]] = from_axis_angle(np.asarray(value, np.float64))
     body = replace(body, skeleton=replace(s, rotation=rotation))
     matrices = joint_matrices(body.skeleton)[0]
-    gauge = Gauge(body, turned(body.skeleton, matrices))
+    gauge = Gauge(body, turned(body.skeleton, matrices)[:MOST])
     points = deformer(name, body)(matrices)
     return Posed(name, Figure(Clip(humanoid, body, None, name)), body, matrices, gauge, gauge.measure(points, matrices))
 
@@ -137,12 +139,13 @@ def default_pose(skeleton: Skeleton) -> dict[str, list[float]]:
     }
 
 
-def chequered(surface: Surface, body: Body) -> Surface:
-    """The surface of a body with bands across its limbs and stripes along them, all over skin and clothes.
+def chequered(surface: Surface, places: Floats) -> Surface:
+    """The surface with bands across its limbs and stripes along them, all over skin and clothes; places (V,3) as of
+    `limb_places`.
 
     The pattern goes by the bones at rest, not by texture coordinates: where a seam opens or slips, it breaks.
     """
-    if len(surface.vertices) != len(body.skin.rest):
+    if len(surface.vertices) != len(places):  # bones are drawn as well
         return surface
     keep = {"eye", "hair", "gloss"}
     parts = tuple(
@@ -155,11 +158,15 @@ def chequered(surface: Surface, body: Body) -> Surface:
         for p in parts:
             if p.name == "checked":
                 colors[np.unique(surface.triangles[p.start : p.stop])] = _CLAY
-    return replace(surface, parts=parts, colors=colors, rest=limb_places(body))
+    return replace(surface, parts=parts, colors=colors, rest=places)
 
 
-def limb_places(body: Body) -> Floats:
-    """(V,3) at rest: metres along the bones, downwards, and across them forwards and sideways; blended by weights."""
+def limb_places(body: Body, points: Floats) -> Floats:
+    """(n,3) for points (n,3) on or near the body at rest: metres along the bones, downwards, and across them forwards
+    and sideways. Each joint has a frame of its own, and the weights of the nearest vertices blend them.
+    """
+    from scipy.spatial import cKDTree
+
     s, w = body.skeleton, body.skin.weights
     down, along = np.zeros((len(s), 3)), np.zeros(len(s))
     load = np.bincount(w.joint, w.weight, minlength=len(s))
@@ -180,10 +187,15 @@ def limb_places(body: Body) -> Floats:
     ahead = ahead - (ahead * down).sum(axis=1, keepdims=True) * down
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     frame = np.stack([down, ahead, np.cross(down, ahead)], axis=1)
-    local = np.einsum("nab,nb->na", frame[w.joint], body.skin.rest[w.vertex] - s.centers[w.joint])
-    local[:, 0] += along[w.joint]
+    offset = along[:, None] * [1.0, 0, 0] - np.einsum("jab,jb->ja", frame, s.centers)
     share = w.weight / np.where(w.sums > 0, w.sums, 1)[w.vertex]
-    return np.stack([np.bincount(w.vertex, share * local[:, k], minlength=len(w)) for k in range(3)], axis=1)
+    maps = (share[:, None, None] * np.concatenate([frame, offset[:, :, None]], axis=2)[w.joint]).reshape(-1, 12)
+    maps = np.stack([np.bincount(w.vertex, maps[:, k], minlength=len(w)) for k in range(12)], axis=1)
+    distance, nearest = cKDTree(body.skin.rest).query(points, k=min(4, len(w)))
+    near = 1 / (distance.reshape(len(points), -1) + 1e-5) ** 2
+    near /= near.sum(axis=1, keepdims=True)
+    mean = np.einsum("nk,nka->na", near, maps[nearest.reshape(near.shape)]).reshape(-1, 3, 4)
+    return np.einsum("nab,nb->na", mean[:, :, :3], points) + mean[:, :, 3]
 
 
 def _draw(
@@ -191,7 +203,8 @@ def _draw(
 ) -> None:
     from PIL import Image
 
-    surfaces = [chequered(next(iter(c.figure.at([0.0]))), c.body) for c in columns]
+    first = columns[0].body
+    surfaces = [chequered(next(iter(c.figure.at([0.0]))), limb_places(first, c.body.skin.rest)) for c in columns]
     ground = floor_of(columns[0].figure, surfaces[0])
     camera = aim(columns[0].figure, surfaces[0], view, 0.0, size)[0]
     near = _closest(columns)
@@ -214,12 +227,8 @@ def _draw(
 
 def _closest(columns: Sequence[Posed]) -> list[str]:
     """The joints that turn most among those that every column could measure."""
-    first = columns[0]
-    s, m = first.body.skeleton, first.matrices[:, :3, :3]
-    good = [j for j in first.report.joints if all(j in c.report.joints for c in columns)]
-    good = [j for j in good if all(c.gauge.sections[j].count for c in columns)]
-    between = {j: float(np.trace(m[s.parents[s.index[j]]].T @ m[s.index[j]])) for j in good}
-    return sorted(good, key=lambda j: between[j])[:CLOSE]
+    shared = [j for j in columns[0].report.joints if all(j in c.report.joints for c in columns)]
+    return [j for j in shared if all(c.gauge.sections[j].count for c in columns)][:CLOSE]
 
 
 def _beside(column: Posed, surface: Surface, joint: str, size: tuple[int, int]) -> Camera:
@@ -244,7 +253,9 @@ def _beside(column: Posed, surface: Surface, joint: str, size: tuple[int, int]) 
         axis = -axis
     toward = axis + 0.35 * front + 0.12 * np.array([0, 1.0, 0])
     points = surface.vertices[: len(region.vertices)][region.vertices]
-    return fit(points, toward / np.linalg.norm(toward), size, margin=0.06)
+    around = line.joint + 0.8 * max(region.reach) * np.concatenate([np.eye(3), -np.eye(3)])  # when one bone is short
+    points = np.concatenate([points, around @ place[:3, :3].T + place[:3, 3]])
+    return fit(points, toward / np.linalg.norm(toward), size, margin=0.12)
 
 
 # What makes a number red in a caption: figures that a reader would call a defect.
@@ -254,7 +265,8 @@ _AIMS: dict[str, tuple[str, str, Any]] = {
     "thickness": ("thickness", "{:.2f}", lambda v: v < 0.95),
     "bulge": ("bulge", "{:.2f}", lambda v: v > 1.05),
     "folds": ("folds", "{:d}", lambda v: v > 0),
-    "gap": ("seam gap", "{:.2g} mm", lambda v: v > 1e-6),
+    "gap": ("seam gap", "{:.3g} mm", lambda v: v > 1e-6),
+    "stretch": ("stretch", "{:.1f}", lambda v: False),
 }
 _LEGEND = (
     "Ratios to the pose at rest. Red: volume off by more than 0.03, area or thickness below 0.95, bulge above 1.05, "
@@ -291,7 +303,7 @@ def _caption(report: Report, joint: str, width: int) -> Pixels:
         value = getattr(row, field)
         x, y = 12 + (i % 2) * (width // 2), 26 + 20 * (i // 2)
         known = value == value
-        text = form.format(value * 1000 if field == "gap" else value) if known else "-"
+        text = form.format(round(value * 1000, 3) if field == "gap" else value) if known else "-"
         draw.text((x, y), label, _FAINT, font=_font(14))
         draw.text((x + 84, y), text, _BAD if known and bad(value) else _INK, font=_font(14))
     return np.asarray(image)

@@ -41,18 +41,27 @@ def close(size: float, pixel: float) -> float:
     return float(np.clip((size / max(pixel, 1e-9) - 1.5) / 2, 0, 1))
 
 
-BAND, SECTORS = 0.03, 12  # metres along a limb, stripes round it
+BAND, SECTORS, THIN = 0.03, 12, 0.012  # metres along a limb, stripes round it, metres of radius
 _DARK = np.array([0.10, 0.24, 0.36], np.float32)
 
 
-def checks(place: Single) -> Single:
+def checks(place: Single, pixel: float) -> Single:
     """Tint (n,3) of a chequered surface at places (n,3): metres along a limb, then across it in two directions.
 
-    Bands across the limb and stripes along it; on very thin limbs the bands alone.
+    Bands across the limb and stripes along it; on very thin limbs the bands alone. Edges are a `pixel` (metres) wide.
     """
     along, u, v = place.T
-    band = np.floor(along / BAND)
-    stripe = np.floor((np.arctan2(v, u) / (2 * np.pi) + 0.5) * SECTORS)
-    thin = u * u + v * v < 0.012**2
-    dark = (band + np.where(thin, 0, stripe)) % 2 == 1
-    return np.where(dark[:, None], _DARK, np.float32(1))
+    radius = np.hypot(u, v)
+    blur = max(pixel, 1e-6)
+    band = _square(along / BAND, blur / BAND)
+    width = radius * (2 * np.pi / SECTORS)
+    stripe = _square(np.arctan2(v, u) * (SECTORS / (2 * np.pi)), blur / np.maximum(width, 1e-9))
+    dark = 0.5 - 0.5 * band * np.where(radius < THIN, 1, stripe)
+    return (1 + dark[:, None] * (_DARK - 1)).astype(np.float32)
+
+
+def _square(x: Single, blur: Single | float) -> Single:
+    """A wave that is 1 in every other unit and -1 between, with edges of width `blur`; 0 where it is too fine."""
+    edge = np.abs(x - np.round(x))  # distance from the next change
+    sign = 1 - 2 * (np.floor(x) % 2)
+    return sign * np.clip(2 * edge / np.maximum(blur, 1e-9), 0, 1)

@@ -173,7 +173,7 @@ def textured(s: Samples, pixel: float) -> Samples:
         normal[hair] = _unit(normal[hair] + np.float32(0.12) * noise(way + 31, 3))
     checked = np.flatnonzero(s.kind == KINDS.index("checked"))
     if checked.size:
-        albedo[checked] *= checks(s.texture[checked])
+        albedo[checked] *= checks(s.texture[checked], pixel)
     return replace(s, albedo=albedo, normal=normal, roughness=roughness)
 
 
