@@ -16,7 +16,7 @@ from vitruvian.show.comparison import compare
 def main(out: Path = Path("out/examples")) -> None:
     out.mkdir(parents=True, exist_ok=True)
     person = vt.person(outfit="body suit")
-    reports = compare(person, out / "which-deformer.png", samples=1)
+    reports = compare(person, out / "which-deformer.png")
     print(f"{'':<10} volume  least area  thickness  bulge")
     for name, report in reports.items():
         all_of_it, wrist = report.whole, report.joints["r_radiocarpal"]

@@ -145,7 +145,7 @@ def _table(reports: Mapping[str, Report]) -> list[str]:
         for name, report in reports.items():
             found = report.whole if not joint else report.joints.get(joint)
             if found is not None:
-                row = asdict(found) | {"gap": found.gap * 1000}
+                row = asdict(found) | {"gap": round(found.gap * 1000, 3)}
                 lines.append(f"  {name:<20}" + "".join(f"{row[f]:>11.4g}" for f in fields))
     return lines
 

@@ -330,7 +330,7 @@ class Tree:
     def of(body: Body) -> Tree:
         parents, w = body.skeleton.parents, body.skin.weights
         n = len(parents)
-        size, load = np.ones(n, np.int32), np.bincount(w.joint, w.weight, minlength=n)
+        size, load = np.ones(n, np.int32), np.bincount(w.joint, w.weight, minlength=n).astype(np.float64)
         for j in range(n - 1, -1, -1):
             if parents[j] >= 0:
                 size[parents[j]] += size[j]
@@ -398,8 +398,8 @@ def _end(skeleton: Skeleton, tree: Tree, joint: int, least: float) -> Floats | N
 def _lay(rest: Floats, faces: Ints, region: Region) -> Sections:
     """The closed sections round the bone, in planes from the middle of one bone to the middle of the next."""
     line = region.line
-    used, faces = np.unique(faces, return_inverse=True)
-    rest, faces = rest[used], faces.reshape(-1, 3)
+    used, local = np.unique(faces, return_inverse=True)
+    rest, faces = rest[used], local.reshape(-1, 3).astype(np.int32)
     pieces: list[tuple[NDArray, ...]] = []
     nodes = 0
     for s in np.linspace(-1, 1, STATIONS):
@@ -425,7 +425,8 @@ def _lay(rest: Floats, faces: Ints, region: Region) -> Sections:
     if not pieces:
         none = np.zeros(0, np.int32)
         return Sections(none, none, np.zeros(0), none, none, none, none, none, none, none, 0)
-    return Sections(*(np.concatenate(column) for column in zip(*pieces)), count=len(pieces))
+    columns = [np.concatenate(column) for column in zip(*pieces)]
+    return Sections(*columns, count=len(pieces))  # type: ignore[misc, arg-type]
 
 
 def _slice(rest: Floats, faces: Ints, center: Floats, normal: Floats) -> tuple[NDArray, ...] | None:

@@ -73,6 +73,7 @@ def compare(
     if path is not None and os.path.splitext(os.fspath(path))[1].lower() != ".png":
         raise VitruvianError(f"{path}: expected a name that ends in .png")
     base = pack(humanoid)
+    require(len(base.skin.triangles) > 0, "compare", "a figure with a surface", "none")
     chosen = default_pose(base.skeleton) if pose is None else pose
     columns = []
     for name in dict.fromkeys(deformers):
@@ -203,19 +204,23 @@ def _draw(
 ) -> None:
     from PIL import Image
 
-    first = columns[0].body
-    surfaces = [chequered(next(iter(c.figure.at([0.0]))), limb_places(first, c.body.skin.rest)) for c in columns]
-    ground = floor_of(columns[0].figure, surfaces[0])
-    camera = aim(columns[0].figure, surfaces[0], view, 0.0, size)[0]
-    near = _closest(columns)
-    cameras = [(size, camera, "")]
+    first = columns[0]
+    surfaces = [next(iter(c.figure.at([0.0]))) for c in columns]
+    cameras = [(size, aim(first.figure, surfaces[0], view, 0.0, size)[0], "")]
     half = (size[0], round(size[0] * 0.72))
-    cameras += [(half, _beside(columns[0], surfaces[0], joint, half), joint) for joint in near]
+    cameras += [(half, _beside(first, surfaces[0], joint, half), joint) for joint in _closest(columns)]
+    # figures come in all sizes: what is drawn has that of a person, so that bands and light suit it
+    scale, own = (1.75 / _extent(points) for points in (surfaces[0].vertices, first.body.skin.rest))
+    ground = floor_of(first.figure, surfaces[0]) * scale
+    cameras = [(frame, _scaled(camera, scale), joint) for frame, camera, joint in cameras]
+    for i, (column, surface) in enumerate(zip(columns, surfaces)):
+        places = limb_places(first.body, column.body.skin.rest) * own
+        surfaces[i] = chequered(replace(surface, vertices=surface.vertices * scale), places)
     strips = []
     for column, surface in zip(columns, surfaces):
         rows = [_title(column.name, size[0])]
-        for frame, eye, joint in cameras:
-            rows.append(render([surface], eye, frame, samples=samples, floor=ground))
+        for frame, camera, joint in cameras:
+            rows.append(render([surface], camera, frame, samples=samples, floor=ground))
             rows.append(_caption(column.report, joint, size[0]))
         strips.append(np.concatenate(rows, axis=0))
     gap = np.full((len(strips[0]), 6, 3), _PAPER, np.uint8)
@@ -225,10 +230,20 @@ def _draw(
         Image.fromarray(sheet).save(temporary, format="PNG", compress_level=6)
 
 
+def _extent(points: Floats) -> float:
+    return max(float(np.ptp(points, axis=0).max()), 1e-6)
+
+
+def _scaled(camera: Camera, scale: float) -> Camera:
+    x, y, z = (v * scale for v in camera.eye)
+    a, b, c = (v * scale for v in camera.target)
+    return replace(camera, eye=(x, y, z), target=(a, b, c))
+
+
 def _closest(columns: Sequence[Posed]) -> list[str]:
     """The joints that turn most among those that every column could measure."""
     shared = [j for j in columns[0].report.joints if all(j in c.report.joints for c in columns)]
-    return [j for j in shared if all(c.gauge.sections[j].count for c in columns)][:CLOSE]
+    return [j for j in shared if all(np.isfinite(c.report.joints[j].bulge) for c in columns)][:CLOSE]
 
 
 def _beside(column: Posed, surface: Surface, joint: str, size: tuple[int, int]) -> Camera:
@@ -265,7 +280,7 @@ _AIMS: dict[str, tuple[str, str, Any]] = {
     "thickness": ("thickness", "{:.2f}", lambda v: v < 0.95),
     "bulge": ("bulge", "{:.2f}", lambda v: v > 1.05),
     "folds": ("folds", "{:d}", lambda v: v > 0),
-    "gap": ("seam gap", "{:.3g} mm", lambda v: v > 1e-6),
+    "gap": ("seam gap", "{:.2f} mm", lambda v: v > 1e-5),
     "stretch": ("stretch", "{:.1f}", lambda v: False),
 }
 _LEGEND = (
@@ -303,7 +318,7 @@ def _caption(report: Report, joint: str, width: int) -> Pixels:
         value = getattr(row, field)
         x, y = 12 + (i % 2) * (width // 2), 26 + 20 * (i // 2)
         known = value == value
-        text = form.format(round(value * 1000, 3) if field == "gap" else value) if known else "-"
+        text = form.format(value * 1000 if field == "gap" else value) if known else "-"
         draw.text((x, y), label, _FAINT, font=_font(14))
         draw.text((x + 84, y), text, _BAD if known and bad(value) else _INK, font=_font(14))
     return np.asarray(image)
