@@ -142,6 +142,17 @@ def test_seams_are_one_surface_until_they_open() -> None:
     assert opened.whole.gap == pytest.approx(0.01, abs=1e-9) and opened.joints["j1"].gap == opened.whole.gap
 
 
+@pytest.mark.parametrize("name", ["linear", "dual-quaternion", "log", "log-pair", "hybrid", "volume"])
+def test_no_operator_opens_a_seam(name: str) -> None:
+    body, n = split(cylinder())
+    for axis in (TWIST, BEND):
+        matrices = skins.turned(axis, 100)
+        points = deformer(name, body)(matrices)
+        assert quality(body, points, matrices).whole.gap == 0
+        whole = deformer(name, cylinder())(matrices)
+        assert np.abs(points[:n] - whole).max() < 1e-6  # the cut changes nothing
+
+
 def test_joints_that_turn_are_found_and_roots_are_not_measured() -> None:
     body = cylinder()
     assert turned(body.skeleton, skins.turned(BEND, 30)) == ("j1",)

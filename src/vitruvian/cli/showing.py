@@ -65,7 +65,7 @@ def view(
 
 
 @app.command(
-    epilog="Examples: vitruvian render body.x3d -o front.png --view front; "
+    epilog="Example: vitruvian render body.x3d -o front.png --view front, or "
     "vitruvian render body.x3d --compare linear,log,volume -o sheet.png"
 )
 def render(

@@ -115,7 +115,7 @@ def default_pose(skeleton: Skeleton) -> dict[str, list[float]]:
     def named(*names: str) -> str:
         found = next((n for n in names if n in index), None)
         if found is None:
-            raise VitruvianError(f"pose: this figure has no {names[0]}; say which joints to turn")
+            raise VitruvianError(f"pose: this figure has no {names[0]}; give a pose of your own")
         return found
 
     wrists = {side: named(f"{side}_radiocarpal", f"{side}_wrist") for side in "lr"}
