@@ -12,11 +12,13 @@ from typer.testing import CliRunner
 
 import skins
 from small_body import figure
+from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin, Weights
 from vitruvian.cli import app
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.quality import Gauge, quality, turned
 from vitruvian.errors import VitruvianError
+from vitruvian.show.comparison import default_pose
 from vitruvian.show.grain import checks
 
 TWIST, BEND = (0, 0, 1), (1, 0, 0)
@@ -222,6 +224,37 @@ def test_the_sheet_of_a_person(person_file, tmp_path) -> None:
     assert 0.001 < (np.abs(left - right).max(axis=-1) > 40).mean() < 0.2  # the same view, another arm
 
 
+def test_the_default_pose_asks_much_whatever_the_rest_pose(person_file) -> None:
+    import vitruvian as vt
+    from vitruvian.body.rotations import from_vector, rotate
+
+    hanging = vt.pack(vt.load(person_file)).skeleton
+    sideways = hanging.centers.copy()  # the same arms stretched out
+    for side, sign in (("l", 1), ("r", -1)):
+        s = hanging.index[f"{side}_shoulder"]
+        arm = [
+            j for j in range(s, len(hanging)) if hanging.names[j].startswith(f"{side}_") and hanging.centers[j, 1] > 0.6
+        ]
+        sideways[arm] = rotate(from_vector([0, 0, sign * np.pi / 2]), sideways[arm] - sideways[s]) + sideways[s]
+    for skeleton in (hanging, replace(hanging, centers=sideways)):
+        pose = default_pose(skeleton)
+        rotation = skeleton.rotation.copy()
+        for joint, value in pose.items():
+            rotation[skeleton.index[joint]] = from_axis_angle(value)
+        m = vt.joint_matrices(replace(skeleton, rotation=rotation))[0]
+
+        def at(joint: str, skeleton=skeleton, m=m) -> np.ndarray:
+            j = skeleton.index[joint]
+            return m[j, :3, :3] @ skeleton.centers[j] + m[j, :3, 3]
+
+        lifted = at("r_elbow") - at("r_shoulder")
+        assert -lifted[0] / np.linalg.norm(lifted) > np.cos(np.radians(12))
+        upper, lower = at("l_elbow") - at("l_shoulder"), at("l_radiocarpal") - at("l_elbow")
+        cosine = upper @ lower / np.linalg.norm(upper) / np.linalg.norm(lower)
+        assert cosine < np.cos(np.radians(90)) and lower[2] > 0
+        assert at("l_knee")[2] > at("l_hip")[2] + 0.2 and at("l_talocrural")[2] < at("l_knee")[2]
+
+
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
@@ -229,6 +262,7 @@ def test_the_sheet_of_a_person(person_file, tmp_path) -> None:
         (["--compare", " , "], "at least one deformer"),
         (["--compare", "log", "--pose", '{"l_fin": [1, 0, 0, 1]}'], "l_fin is not a joint"),
         (["--compare", "log", "--pose", '{"l_elbow": [1, 0]}'], "--pose: l_elbow: expected"),
+        (["--compare", "log", "--time", "1"], "--time"),
         (["--pose", "{}"], "goes with --compare"),
     ],
 )

@@ -92,6 +92,8 @@ def render(
     seams; --json prints these numbers.
     """
     if compare is not None:
+        if time:
+            raise VitruvianError("--time: a comparison shows one pose, without motion; give it by --pose")
         _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, as_json)
         return
     if pose is not None:
