@@ -261,20 +261,20 @@ def _remade(
     return thing, lost, off
 
 
-def _pose_of(text: str) -> dict[str, list[float]]:
+def pose_of(text: str, option: str = "--joints") -> dict[str, list[float]]:
     """Joint rotations from JSON text or from a JSON file."""
     path = Path(text)
     try:
         source = path.read_text() if not text.lstrip().startswith("{") else text
         pose = json.loads(source)
     except (OSError, ValueError) as e:
-        raise VitruvianError(f'--joints: expected JSON such as {{"l_knee": [1, 0, 0, 0.8]}} or its file; {e}') from e
+        raise VitruvianError(f'{option}: expected JSON such as {{"l_knee": [1, 0, 0, 0.8]}} or its file; {e}') from e
     if not isinstance(pose, dict):
-        raise VitruvianError("--joints: expected an object of joint names")
+        raise VitruvianError(f"{option}: expected an object of joint names")
     for joint, value in pose.items():
         numbers = isinstance(value, list) and len(value) == 4 and all(isinstance(v, int | float) for v in value)
         if not numbers:
-            raise VitruvianError(f"--joints: {joint}: expected [x, y, z, angle in radians], found {json.dumps(value)}")
+            raise VitruvianError(f"{option}: {joint}: expected [x, y, z, angle in radians], found {json.dumps(value)}")
     return pose
 
 
@@ -301,7 +301,7 @@ def pose(
     if not isinstance(humanoid, Humanoid):
         raise VitruvianError(f"{file}: expected an H-Anim body to pose, found a {type(humanoid).__name__.lower()}")
     known = {j.name: j for j in humanoid.joints()}
-    for joint, value in _pose_of(joints).items():
+    for joint, value in pose_of(joints).items():
         if joint not in known:
             raise VitruvianError(f"--joints: {joint} is not a joint of {file}; it has {', '.join(list(known)[:8])} ...")
         known[joint].rotation = np.array(value, dtype=np.float64)

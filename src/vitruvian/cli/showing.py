@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from vitruvian.cli import app
 from vitruvian.cli.output import Json, Out, emit, progress, say
 from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from vitruvian.deform.quality import Report
 
 
 def _shown(file: str) -> Any:
@@ -60,15 +64,42 @@ def view(
         threading.Event().wait()
 
 
-@app.command(epilog="Example: vitruvian render body.x3d -o front.png --view front")
+@app.command(
+    epilog="Example: vitruvian render body.x3d -o front.png --view front, or "
+    "vitruvian render body.x3d --compare linear,log,volume -o sheet.png"
+)
 def render(
-    file: str = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ file."),
+    file: str = typer.Argument(
+        ..., help="H-Anim, glTF, VRM, USD, BVH or OBJ file; with --compare also the word person."
+    ),
     out: Path = Out,
     view: str = typer.Option("three-quarter", help="front, side, back, three-quarter, face, hands, or a _view Site."),
     time: float = typer.Option(0.0, help="Seconds into the motion."),
+    compare: str | None = typer.Option(
+        None,
+        "--compare",
+        metavar="NAMES",
+        help="One pose under these deformers side by side, such as linear,log,volume,contours.",
+    ),
+    pose: str | None = typer.Option(
+        None,
+        "--pose",
+        help="The pose to compare: JSON {joint: [x, y, z, angle]} or its file (default: one that is hard).",
+    ),
     as_json: bool = Json,
 ) -> None:
-    """Draw a picture (.png) or film (.mp4 .gif .webp) without a screen."""
+    """Draw a picture (.png) or film (.mp4 .gif .webp) without a screen.
+
+    With --compare the picture has a column for each deformer, and says what it does to volume, sections, bulge, folds and
+    seams; --json prints these numbers.
+    """
+    if compare is not None:
+        if time:
+            raise VitruvianError("--time: a comparison shows one pose, without motion; give it by --pose")
+        _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, as_json)
+        return
+    if pose is not None:
+        raise VitruvianError("--pose: goes with --compare; `vitruvian pose` writes a posed file")
     from vitruvian.stage.clip import Clip
 
     thing = _shown(file)
@@ -87,6 +118,40 @@ def render(
     else:
         raise VitruvianError(f"{out}: expected .png, .mp4, .gif or .webp")
     emit({"files": [str(out)]}, f"wrote {out}", as_json)
+
+
+def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str, as_json: bool) -> None:
+    """A pose under several deformers: a sheet, and its numbers."""
+    from vitruvian.cli.files import pose_of
+    from vitruvian.cli.people import subject
+    from vitruvian.show.comparison import compare
+
+    if file == "person" and not Path(file).is_file():
+        from vitruvian.modeling.person import person
+
+        humanoid = person(outfit="body suit")  # nothing that hides the surface
+    else:
+        humanoid = subject(file)
+    reports = compare(humanoid, out, deformers=names, pose=pose_of(pose, "--pose") if pose else None, view=view)
+    document = {"files": [str(out)], "deformers": {name: r.document() for name, r in reports.items()}}
+    emit(document, "\n".join([f"wrote {out}", *_table(reports)]), as_json)
+
+
+def _table(reports: Mapping[str, Report]) -> list[str]:
+    """The numbers of a comparison as lines of text: a block for the whole figure and for each joint."""
+    from dataclasses import asdict
+
+    first = next(iter(reports.values()))
+    fields = list(asdict(first.whole))
+    lines = []
+    for joint in ["", *first.joints]:
+        lines.append(f"{joint or 'whole figure':<22}" + "".join(f"{f if f != 'gap' else 'gap_mm':>11}" for f in fields))
+        for name, report in reports.items():
+            found = report.whole if not joint else report.joints.get(joint)
+            if found is not None:
+                row = asdict(found) | {"gap": round(found.gap * 1000, 3)}
+                lines.append(f"  {name:<20}" + "".join(f"{row[f]:>11.4g}" for f in fields))
+    return lines
 
 
 @app.command(epilog="Example: vitruvian bench skin kinematics")

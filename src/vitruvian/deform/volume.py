@@ -110,13 +110,17 @@ def _feet(body: Body, rows: Influences) -> Floats:
 
 
 def _averaged(values: Floats, body: Body, rounds: int) -> Floats:
-    """Each value with the mean of its neighbours on the surface, some times over."""
+    """Each value with the mean of its neighbours on the surface, some times over; points at one place are one, so that
+    seams stay shut."""
     from scipy.sparse import csr_array
 
-    t = body.skin.triangles
-    if not len(t):
+    if not len(body.skin.triangles):
         return values
-    n = len(values)
+    _, where = np.unique(body.skin.rest, axis=0, return_inverse=True)
+    where = where.reshape(-1)
+    t, n = where[body.skin.triangles], int(where.max()) + 1
+    shared = np.maximum(np.bincount(where), 1)
+    values = np.stack([np.bincount(where, v, minlength=n) / shared for v in values.T], axis=1)
     a, b = t[:, [0, 1, 2]].ravel(), t[:, [1, 2, 0]].ravel()
     link = csr_array((np.ones(2 * len(a)), (np.concatenate([a, b]), np.concatenate([b, a]))), shape=(n, n))
     link.data[:] = 1
@@ -124,4 +128,4 @@ def _averaged(values: Floats, body: Body, rounds: int) -> Floats:
     for _ in range(rounds):
         mean = (link @ values) / np.maximum(count, 1)[:, None]
         values = np.where(count[:, None] > 0, (values + mean) / 2, values)
-    return values
+    return values[where]

@@ -68,7 +68,7 @@ def _schema(version: str) -> Any:
     from lxml import etree
 
     class FromPackage(etree.Resolver):
-        def resolve(self, url: str, public_id: str, context: Any) -> Any:
+        def resolve(self, url: str, public_id: str, context: Any = None) -> Any:
             name = url.rpartition("/")[2]
             return self.resolve_string(_text(name) if _packed(name).is_file() else b"<none/>", context, base_url=name)
 

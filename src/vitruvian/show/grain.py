@@ -39,3 +39,29 @@ def noise(points: Single, channels: int = 1) -> Single:
 def close(size: float, pixel: float) -> float:
     """How much of a pattern of that size (metres) a picture can hold whose pixels are `pixel` metres wide: 0..1."""
     return float(np.clip((size / max(pixel, 1e-9) - 1.5) / 2, 0, 1))
+
+
+BAND, SECTORS, THIN = 0.03, 12, 0.012  # metres along a limb, stripes round it, metres of radius
+_DARK = np.array([0.10, 0.24, 0.36], np.float32)
+
+
+def checks(place: Single, pixel: float) -> Single:
+    """Tint (n,3) of a chequered surface at places (n,3): metres along a limb, then across it in two directions.
+
+    Bands across the limb and stripes along it; on very thin limbs the bands alone. Edges are a `pixel` (metres) wide.
+    """
+    along, u, v = place.T
+    radius = np.hypot(u, v)
+    blur = max(pixel, 1e-6)
+    band = _square(along / BAND, blur / BAND)
+    width = radius * (2 * np.pi / SECTORS)
+    stripe = _square(np.arctan2(v, u) * (SECTORS / (2 * np.pi)), blur / np.maximum(width, 1e-9))
+    dark = 0.5 - 0.5 * band * np.where(radius < THIN, 1, stripe)
+    return (1 + dark[:, None] * (_DARK - 1)).astype(np.float32)
+
+
+def _square(x: Single, blur: Single | float) -> Single:
+    """A wave that is 1 in every other unit and -1 between, with edges of width `blur`; 0 where it is too fine."""
+    edge = np.abs(x - np.round(x))  # distance from the next change
+    sign = 1 - 2 * (np.floor(x) % 2)
+    return sign * np.clip(2 * edge / np.maximum(blur, 1e-9), 0, 1)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.show.camera import direction
-from vitruvian.show.grain import close, noise
+from vitruvian.show.grain import checks, close, noise
 
 Single = NDArray[np.floating]  # float32 where it is large
-KINDS = ("plain", "skin", "eye", "hair", "cloth", "gloss")
+KINDS = ("plain", "skin", "eye", "hair", "cloth", "gloss", "checked")
 _WORDS = {
     "skin": ("skin", "face", "flesh", "lips", "nail"),
     "eye": ("eye", "cornea", "iris", "sclera", "pupil"),
@@ -24,6 +24,7 @@ _WORDS = {
     "cloth": ("top", "shirt", "short", "trouser", "pants", "skirt", "dress", "cloth", "garment", "underwear", "suit",
               "sock", "sleeve", "panel"),
     "gloss": ("teeth", "tooth", "tongue", "gum", "shoe"),
+    "checked": ("checked",),
 }  # fmt: skip
 
 
@@ -131,7 +132,7 @@ def shade(s: Samples, studio: Studio, heading: float, pixel: float = 1.0) -> Sin
     """
     out = np.zeros_like(s.albedo)
     s = textured(s, pixel)
-    for index, draw in enumerate((_plain, _skin, _eye, _hair, _cloth, _plain)):
+    for index, draw in enumerate((_plain, _skin, _eye, _hair, _cloth, _plain, _plain)):
         some = np.flatnonzero(s.kind == index)
         if some.size == len(s.kind):
             out = draw(s, studio, heading)
@@ -170,6 +171,9 @@ def textured(s: Samples, pixel: float) -> Samples:
         locks = noise(way * np.array([0.3, 1, 1], np.float32)) * 0.16 + noise(way) * 0.16
         albedo[hair] *= 1 + locks
         normal[hair] = _unit(normal[hair] + np.float32(0.12) * noise(way + 31, 3))
+    checked = np.flatnonzero(s.kind == KINDS.index("checked"))
+    if checked.size:
+        albedo[checked] *= checks(s.texture[checked], pixel)
     return replace(s, albedo=albedo, normal=normal, roughness=roughness)
 
 
