@@ -32,12 +32,12 @@ class ContourBody:
     error: tuple[float, float]
 
 
-def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 1.0, diversion: float = 0.0) -> Humanoid:
+def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> Humanoid:
     """The contour form of a humanoid: see `contoured`."""
     return contoured(humanoid, density=density, mitre=mitre, diversion=diversion).humanoid
 
 
-def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 1.0, diversion: float = 0.0) -> ContourBody:
+def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> ContourBody:
     """A humanoid with hips, knees, ankles, shoulders, elbows, wrists, a spine joint and a skull as a contour body.
 
     `density` scales the number of contours and of points in each. `mitre` and `diversion`, 0..1, for all limbs.
