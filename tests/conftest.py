@@ -42,13 +42,17 @@ def chromium() -> str:
 
 
 @pytest.fixture(scope="session")
-def browser(chromium: str):
-    """A headless browser that draws without a graphics processor."""
-    from playwright.sync_api import sync_playwright
+def playwright(chromium: str):
+    """What drives browsers. There can be only one in a process."""
+    with pytest.importorskip("playwright.sync_api").sync_playwright() as found:
+        yield found
 
+
+@pytest.fixture(scope="session")
+def browser(playwright, chromium: str):
+    """A headless browser that draws without a graphics processor."""
     from pages import FLAGS
 
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        yield browser
-        browser.close()
+    browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    yield browser
+    browser.close()

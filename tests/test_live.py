@@ -75,17 +75,6 @@ def humanoid():
     return vt.contours(vt.person(gender=1, loa=2), density=0.65)
 
 
-@pytest.fixture(scope="module")
-def browser(chromium):
-    from playwright.sync_api import sync_playwright
-
-    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium, args=flags)
-        yield browser
-        browser.close()
-
-
 @pytest.mark.parametrize(("encoding", "version"), [("x3d", "2.0"), ("wrl", "200x")])
 def test_xite_runs_the_script_and_its_points_are_ours(browser, referee, humanoid, tmp_path, encoding, version):
     from vitruvian.hanim.convert import converted

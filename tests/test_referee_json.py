@@ -5,15 +5,15 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pytest
 
 from vitruvian.formats import registry
 from vitruvian.formats.convert import convert
 from vitruvian.formats.x3d_json import parse_json
 from vitruvian.hanim.view import humanoids
-from xite import complaints, xite
+from xite import complaints, page_of
 
 EXPORT = """async text => {
   const scene = await document.querySelector('x3d-canvas').browser.createX3DFromString(text)
@@ -21,18 +21,17 @@ EXPORT = """async text => {
 }"""
 
 
-def test_json_goes_both_ways(shared: Path, referee: Path, chromium: str, tmp_path: Path) -> None:
+def test_json_goes_both_ways(shared: Path, referee: Path, browser: Any, tmp_path: Path) -> None:
     """X_ITE finds in our JSON all nodes of the source, prototypes too, without a message; we read the JSON it writes."""
-    pytest.importorskip("playwright.sync_api")
     sources = [shared / "data" / "hanim" / name for name in ("JoeKick.x3d", "NancyPrototypes.wrl")]
-    with xite(referee, chromium) as browser:
+    with page_of(browser, referee) as page:
         for source in sources:
             scene, path = registry.scene(source), tmp_path / f"{source.stem}.x3dj"
             registry.write_scene(convert(scene, "x3dj")[0], path)
-            result = browser.load(path.read_text())
+            result = page.load(path.read_text())
             assert result["nodes"] == Counter(node.type for node in scene.walk())
             assert complaints(result) == []
-        text = browser.page.evaluate(EXPORT, sources[0].read_text())
+        text = page.page.evaluate(EXPORT, sources[0].read_text())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         theirs = humanoids(parse_json(text.encode()))[0]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 import vitruvian as vt
 from scene_figure import typed
@@ -53,8 +52,7 @@ def answer(route: Route, referee: Path) -> None:
         route.abort()
 
 
-def test_xite_plays_our_hanimmotion(referee: Path, chromium: str, tmp_path: Path) -> None:
-    sync = pytest.importorskip("playwright.sync_api").sync_playwright
+def test_xite_plays_our_hanimmotion(referee: Path, browser: Any, tmp_path: Path) -> None:
     h = typed(3)
     h.tracks = []
     walk = replace(vt.walk(pack(h).skeleton), name="walk")
@@ -64,14 +62,11 @@ def test_xite_plays_our_hanimmotion(referee: Path, chromium: str, tmp_path: Path
     ours = joint_matrices(motion.skeleton, motion)
     text = (tmp_path / "walk.x3d").read_text().replace("enabled='true'", "enabled='false'")  # stepped by hand
     frames = [1, 7, 16, 25, len(motion) - 1]
-    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-    with sync() as p:
-        browser = p.chromium.launch(executable_path=chromium, args=flags)
-        page = browser.new_page(viewport={"width": 120, "height": 120})
-        page.route("**/*", lambda route: answer(route, referee))
-        page.goto("http://xite.test/page.html")
-        found = page.evaluate(STEP, [text, frames])
-        browser.close()
+    page = browser.new_page(viewport={"width": 120, "height": 120})
+    page.route("**/*", lambda route: answer(route, referee))
+    page.goto("http://xite.test/page.html")
+    found = page.evaluate(STEP, [text, frames])
+    page.close()
     assert found["count"] == len(motion) + 1  # the loop ends with its first frame
     worst = 0.0
     for frame, matrices in zip(frames, found["frames"], strict=True):

@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from vitruvian.hanim.welding import weld
 from vitruvian.modeling.levels import at_level
 from vitruvian.modeling.person import person
 from written import KINDS, counts, people
-from xite import Browser, complaints, xite
+from xite import FLAGS, Browser, complaints, page_of
 
 ROUTES = re.compile(r"<ROUTE\b[^>]*/>|^\s*ROUTE\s+\S+\s+TO\s+\S+", re.MULTILINE)
 POSE = {
@@ -88,10 +89,11 @@ def test_known_answer_of_the_skin(shared: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def browser(referee: Path, chromium: str) -> Iterator[Browser]:
-    pytest.importorskip("playwright.sync_api")
-    with xite(referee, chromium) as found:
+def browser(playwright: Any, referee: Path, chromium: str) -> Iterator[Browser]:
+    started = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+    with page_of(started, referee) as found:
         yield found
+    started.close()
 
 
 def agree(browser: Browser, path: Path, *, silent: bool = True, least: int = 1) -> dict[str, np.ndarray]:

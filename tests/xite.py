@@ -86,19 +86,29 @@ class Browser:
 
 
 @contextmanager
+def page_of(browser: Any, referee: Path) -> Iterator[Browser]:
+    """A page of a browser with X_ITE, whose files come from `referee`; nothing leaves the machine."""
+    page = browser.new_page(viewport={"width": 400, "height": 400})
+    said: list[str] = []
+    page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: said.append(str(e)))
+    page.route("**/*", lambda route: answer(route, referee))
+    page.goto("http://xite.test/page.html")
+    try:
+        yield Browser(page, said)
+    finally:
+        page.close()
+
+
+@contextmanager
 def xite(referee: Path, chromium: str) -> Iterator[Browser]:
-    """A page with X_ITE, whose files come from `referee`; nothing leaves the machine."""
+    """The same in a browser of its own, where no test runner has one."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=chromium, args=FLAGS)
-        page = browser.new_page(viewport={"width": 400, "height": 400})
-        said: list[str] = []
-        page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
-        page.on("pageerror", lambda e: said.append(str(e)))
-        page.route("**/*", lambda route: answer(route, referee))
-        page.goto("http://xite.test/page.html")
-        yield Browser(page, said)
+        with page_of(browser, referee) as page:
+            yield page
         browser.close()
 
 
