@@ -392,3 +392,14 @@ def test_what_is_written_fits_the_schema(shared: Path, tmp_path: Path) -> None:
         [sys.executable, referee, shared / "hanim/xsd", *paths], capture_output=True, text=True, check=False
     )
     assert [line.split()[0] for line in run.stdout.splitlines()] == ["valid"] * len(paths), run.stdout
+
+
+def test_character_data_in_an_instance_stays() -> None:
+    text = (
+        "<X3D version='4.0'><Scene><ProtoDeclare name='P'><ProtoBody><Group/></ProtoBody></ProtoDeclare>"
+        "<ProtoInstance name='P' DEF='p'>{</ProtoInstance></Scene></X3D>"
+    )
+    scene = parse_x3d(text.encode())
+    printed, lost = print_x3d(scene)
+    assert not lost and difference(scene, parse_x3d(printed.encode())) == ""
+    assert scene.defs()["p"].text == "{"

@@ -202,12 +202,17 @@ class _XmlPrinter(Printer):
                     self.comment(child, depth)
             else:
                 yield self.node(child, node.type, self.name(node, field), protos, depth)
-        if node.text:
-            text = node.text.replace("]]>", "]]]]><![CDATA[>")
-            if _FORBIDDEN.search(text):
-                self.lose("control characters, which XML can't hold; written as U+FFFD")
-                text = _FORBIDDEN.sub("\ufffd", text)
-            self.lines.append(f"<![CDATA[{text}]]>")
+        self.characters(node)
+
+    def characters(self, node: Node) -> None:
+        """Character data: the program of a Script, or whatever else stood there."""
+        if not node.text:
+            return
+        text = node.text.replace("]]>", "]]]]><![CDATA[>")
+        if _FORBIDDEN.search(text):
+            self.lose("control characters, which XML can't hold; written as U+FFFD")
+            text = _FORBIDDEN.sub("\ufffd", text)
+        self.lines.append(f"<![CDATA[{text}]]>")
 
     def connections(self, node: Node, depth: int) -> None:
         self.line(depth, "<IS>")
@@ -271,6 +276,7 @@ class _XmlPrinter(Printer):
         for name, comment in node.comments:
             if name not in node.fields:
                 self.comment(comment, depth)
+        self.characters(node)
 
     def proto(self, proto: Proto, protos: Mapping[str, Proto], depth: int) -> Step:
         tag = "ExternProtoDeclare" if proto.external else "ProtoDeclare"
