@@ -225,3 +225,24 @@ def test_every_number_is_checked(tmp_path: Path) -> None:
     rig = Foreign()
     rig.maker.bin[100:104] = struct.pack("<f", float("nan"))
     refused(tmp_path, rig.maker, "finite")
+
+
+def test_whole_numbers_may_be_written_with_a_point(tmp_path: Path) -> None:
+    """The mesh of a node as 0.0: JSON makes no difference."""
+    body = figure()
+    write_glb(vt.Clip(Humanoid("t"), body, wave(body), "linear"), tmp_path / "own.glb")
+    player = Player(tmp_path / "own.glb")
+    document = copy.deepcopy(player.json)
+    for node in document["nodes"]:
+        for key in ("mesh", "skin"):
+            if key in node:
+                node[key] = float(node[key])
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = (
+        struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(player.bin), 0x004E4942) + player.bin
+    )
+    (tmp_path / "b.glb").write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+    first, second = vt.load(tmp_path / "own.glb"), vt.load(tmp_path / "b.glb")
+    assert [j.name for j in first.joints()] == [j.name for j in second.joints()]
+    assert np.array_equal(first.skin_coord, second.skin_coord) and len(first.displacers()) == len(second.displacers())

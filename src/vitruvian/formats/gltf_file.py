@@ -149,6 +149,11 @@ class GltfFile:
             self.bad(f"{where} {key}: expected a whole number in 0..{limit - 1}, found {shown}")
         return value
 
+    def mesh_of(self, node: int) -> dict[str, Any]:
+        """The mesh that a node shows."""
+        meshes = self.items("meshes")
+        return meshes[self.integer(self.items("nodes")[node], "mesh", f"node {node}", len(meshes))]
+
     def indices(self, holder: dict[str, Any], key: str, where: str, limit: int) -> list[int]:
         value = holder.get(key, [])
         if not isinstance(value, list):

@@ -191,7 +191,7 @@ def _owners(
     by_name = {j.name: j for j in joints}
     said: dict[int, Joint] = {}
     for (node, k), number in surface.origin.items():
-        mesh = file.items("meshes")[file.items("nodes")[node]["mesh"]]
+        mesh = file.mesh_of(node)
         items = file.objects(file.object(file.object(mesh, "extras"), "hanim"), "displacers")
         joint = by_name.get(str(items[k].get("joint"))) if k < len(items) else None
         if joint is not None:
@@ -305,7 +305,7 @@ def _mesh(file: GltfFile, shown: list[int]) -> Mesh:
             used = np.unique(s.triangles)
             colors[used] = s.material.color if s.colors is None else s.colors[used]
     nodes = file.items("nodes")
-    title = file.text(file.items("meshes")[nodes[shown[0]]["mesh"]], "name") or file.name(shown[0])
+    title = file.text(file.mesh_of(shown[0]), "name") or file.name(shown[0])
     return Mesh(
         vertices,
         np.concatenate([s.triangles for s in shapes]),
