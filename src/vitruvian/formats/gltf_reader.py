@@ -304,7 +304,6 @@ def _mesh(file: GltfFile, shown: list[int]) -> Mesh:
         for s in shapes:
             used = np.unique(s.triangles)
             colors[used] = s.material.color if s.colors is None else s.colors[used]
-    nodes = file.items("nodes")
     title = file.text(file.mesh_of(shown[0]), "name") or file.name(shown[0])
     return Mesh(
         vertices,
