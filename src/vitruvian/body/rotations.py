@@ -22,6 +22,11 @@ def _array(value: ArrayLike, name: str, *tail: int) -> Floats:
     return array
 
 
+def unit(v: Floats) -> Floats:
+    """Vectors (...,3) of length one; a zero one stays zero."""
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+
+
 def normalize(q: ArrayLike) -> Floats:
     """Unit quaternions (...,4); a zero one becomes the identity."""
     q = _array(q, "quaternion", 4)

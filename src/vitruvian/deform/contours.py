@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours
-from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix
+from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
 from vitruvian.body.types import Body, Floats, Ints, Weights
 from vitruvian.deform.bind import Influences, bind
 from vitruvian.deform.motions import NEAR, RIGID, factor
@@ -125,15 +125,10 @@ def _bone(body: Body, near: int, far: int) -> Floats:
     below = np.flatnonzero(skeleton.parents == far)
     out = np.zeros(3)
     if near >= 0:
-        out += _unit(skeleton.centers[far] - skeleton.centers[near])
+        out += unit(skeleton.centers[far] - skeleton.centers[near])
     if len(below):
-        out += _unit(skeleton.centers[below[0]] - skeleton.centers[far])
-    return _unit(out) if np.linalg.norm(out) > 1e-9 else np.array([0.0, -1.0, 0.0])
-
-
-def _unit(v: Floats) -> Floats:
-    length = float(np.linalg.norm(v))
-    return v / length if length > 0 else v
+        out += unit(skeleton.centers[below[0]] - skeleton.centers[far])
+    return unit(out) if np.linalg.norm(out) > 1e-9 else np.array([0.0, -1.0, 0.0])
 
 
 def _normals(points: Floats) -> Floats:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vitruvian.body.hands import Hand, Rounding
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Body, Floats, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.tables import canonical
@@ -58,8 +59,8 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
         return None
     first, last = skeleton.centers[knuckles[min(knuckles)]], skeleton.centers[knuckles[max(knuckles)]]
     center = skeleton.centers[wrist]
-    back = _unit(np.cross(first - center, last - center)) * (1 if side == "l" else -1)
-    radial = _unit(first - last)  # towards the thumb
+    back = unit(np.cross(first - center, last - center)) * (1 if side == "l" else -1)
+    radial = unit(first - last)  # towards the thumb
     before: list[int] = []
     near: list[int] = []
     far: list[int] = []
@@ -72,7 +73,7 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
             continue
         if ray > 1 and f"{side}_carpometacarpal_{ray}" not in index:
             joints = [wrist, *joints]
-        normal = back if ray > 1 else _unit(0.5 * back + 0.87 * radial)
+        normal = back if ray > 1 else unit(0.5 * back + 0.87 * radial)
         tip = _tip(skeleton, side, ray, joints)
         ends = [*(skeleton.centers[j] for j in joints[1:]), tip]
         for n, joint in enumerate(joints):
@@ -86,8 +87,8 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
             far.append(joints[n + 1] if n + 1 < len(joints) else -1)
             start.append(here)
             end.append(ends[n])
-            direction = _unit(ends[n] - here)
-            axes.append(_unit(np.cross(normal, direction)))
+            direction = unit(ends[n] - here)
+            axes.append(unit(np.cross(normal, direction)))
             rays.append(ray)
             beside.append([-1, -1])
     for ray, link in palm.items():
@@ -147,7 +148,3 @@ def _skin(body: Body, wrist: int, start: Floats, end: Floats, palm: set[int]) ->
     share = np.where(np.isin(nearest, list(palm)), ramp * ramp * (3 - 2 * ramp), 1.0)
     kept = share > 0
     return vertices[kept], share[kept]
-
-
-def _unit(v: Floats) -> Floats:
-    return v / max(float(np.linalg.norm(v)), 1e-12)

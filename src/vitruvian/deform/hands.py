@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.hands import Hand
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints, Skin
 from vitruvian.deform.operators import Operator
 from vitruvian.native import kernels
@@ -61,13 +62,13 @@ class HandProgram:
 
 def hand_program(hand: Hand, skin: Skin) -> HandProgram:
     """Everything about a hand that does not change with its pose."""
-    direction = _unit(hand.end - hand.start)
+    direction = unit(hand.end - hand.start)
     ends = {int(j): i for i, j in enumerate(hand.far) if j >= 0}  # joint -> the link that ends there
     starts = {int(j): i for i, j in enumerate(hand.near)}
     before = np.array([direction[ends[j]] if j in ends else direction[i] for i, j in enumerate(hand.near.tolist())])
     after = np.array([direction[starts[j]] if j in starts else direction[i] for i, j in enumerate(hand.far.tolist())])
-    normal_near = _unit(np.cross(_unit(before + direction), hand.axis_near))
-    normal_far = _unit(np.cross(_unit(direction + after), hand.axis_far))
+    normal_near = unit(np.cross(unit(before + direction), hand.axis_near))
+    normal_far = unit(np.cross(unit(direction + after), hand.axis_far))
 
     points = skin.rest[hand.vertices]
     length = np.linalg.norm(hand.end - hand.start, axis=1)
@@ -141,10 +142,6 @@ def hand_program(hand: Hand, skin: Skin) -> HandProgram:
     )  # fmt: skip
 
 
-def _unit(v: Floats) -> Floats:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
-
-
 def _neighbours(hand: Hand, points: Floats, place: Floats, best: NDArray) -> tuple[NDArray, Floats]:
     """For points of the palm: the metacarpal on whose side they lie (-1: none), and how far along the way to it."""
     out = np.full(len(points), -1)
@@ -204,17 +201,17 @@ def _swell(hand: Hand, link: NDArray, along: Floats, outside: NDArray[np.bool_])
 def _frames(y_near: Floats, y_far: Floats, z_near: Floats, z_far: Floats, blend: Floats) -> Floats:
     """(n,3,3) with columns x, y, z: y the interpolated normal exactly, z as near as can be to the interpolated one."""
     t = blend[:, None]
-    y = _unit((1 - t) * y_near + t * y_far)
+    y = unit((1 - t) * y_near + t * y_far)
     z = (1 - t) * z_near + t * z_far
-    z = _unit(z - np.sum(z * y, axis=1, keepdims=True) * y)
+    z = unit(z - np.sum(z * y, axis=1, keepdims=True) * y)
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
 def _bridge(bridge: Floats, y_one: Floats, y_two: Floats, part: Floats) -> Floats:
     """(n,3,3): x along the way between two links, y their interpolated normal made square to it."""
-    x = _unit(bridge)
+    x = unit(bridge)
     y = (1 - part)[:, None] * y_one + part[:, None] * y_two
-    y = _unit(y - np.sum(y * x, axis=1, keepdims=True) * x)
+    y = unit(y - np.sum(y * x, axis=1, keepdims=True) * x)
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
@@ -241,9 +238,9 @@ def bent(program: HandProgram, matrices: Floats) -> Bent:
     turn = lambda r, v: np.einsum("lab,lb->la", r, v)  # noqa: E731
     put = lambda m, p: np.einsum("lab,lb->la", m[:, :3, :3], p) + m[:, :3, 3]  # noqa: E731
     far = np.where((hand.far >= 0)[:, None, None], matrices[hand.far], matrices[hand.near])
-    y_near = _unit(turn(before, program.normal_near) + turn(own, program.normal_near))
-    y_far = _unit(turn(own, program.normal_far) + turn(after, program.normal_far))
-    square = lambda z, y: _unit(z - np.sum(z * y, axis=1, keepdims=True) * y)  # noqa: E731
+    y_near = unit(turn(before, program.normal_near) + turn(own, program.normal_near))
+    y_far = unit(turn(own, program.normal_far) + turn(after, program.normal_far))
+    square = lambda z, y: unit(z - np.sum(z * y, axis=1, keepdims=True) * y)  # noqa: E731
     z_near = square(-turn(before, hand.axis_near) - turn(own, hand.axis_near), y_near)
     z_far = square(-turn(own, hand.axis_far) - turn(after, hand.axis_far), y_far)
     flex_near = _flexion(before, own, hand.axis_near)

@@ -33,13 +33,13 @@ def add_script(scene: Scene, humanoid: Humanoid, body: Body) -> dict[str, int]:
     defs = scene.defs()
     joints = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("HAnimJoint", "Joint")}
     surfaces = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("DefBody", "DefBodyTex")}
-    for name in (*(skeleton.names[j] for j in _needed(body, p)),):
+    needed = _needed(body, p)
+    for name in (skeleton.names[j] for j in needed):
         if name not in joints:
             raise VitruvianError(f"live: expected a node of joint {name} in the scene, found none")
     for surface in body.contours:
         if surface.name not in surfaces:
             raise VitruvianError(f"live: expected a DefBody node {surface.name} in the scene, found none")
-    needed = _needed(body, p)
     place = {j: i for i, j in enumerate(needed)}
     renumber = np.array([place.get(j, -1) for j in range(len(skeleton))] + [-1], np.int32)
     script = Node("Script", SCRIPT)
