@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 NATIVE := pyproject.toml CMakeLists.txt $(wildcard src/native/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test bench docs check clean referees
+.PHONY: help demo test hunt bench docs check clean referees
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "%-10s %s\n", $$1, $$2}'
@@ -28,6 +28,9 @@ demo: $(VENV)/installed.stamp  ## a person walks: opens the page, leaves files i
 
 test: $(VENV)/developer.stamp  ## all tests
 	$(BIN)/python -m pytest
+
+hunt: $(VENV)/developer.stamp  ## property tests with new random cases
+	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest $$(grep -l hypothesis tests/test_*.py)
 
 bench: $(VENV)/developer.stamp  ## measure against peers, print ratios
 	$(BIN)/vitruvian bench

@@ -78,10 +78,13 @@ def broken(number: int, changes: list[tuple[int, int]], bites: list[tuple[int, i
     raw = bytearray(data)
     for at, what in bites:
         raw[at % len(raw)] = what % 256
+    return container(document, bytes(raw), folder / f"f{ending}")
+
+
+def container(document: dict, raw: bytes, path: Path) -> Path:
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(raw), 0x004E4942) + bytes(raw)
-    path = folder / f"f{ending}"
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(raw), 0x004E4942) + raw
     path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
     return path
 
@@ -109,6 +112,18 @@ def survives(path: Path) -> None:
 )
 def test_broken_files(number: int, changes: list, bites: list, tmp_path_factory: pytest.TempPathFactory) -> None:
     survives(broken(number, changes, bites, _folder()))
+
+
+def test_bind_matrices_without_a_size(tmp_path: Path) -> None:
+    survives(broken(1, [(7792, 7792), (7791, 274)], [], tmp_path))
+    for document, data, _ in seeds():
+        for skin in range(len(document.get("skins", []))):
+            flat = copy.deepcopy(document)
+            view = flat["bufferViews"][flat["accessors"][flat["skins"][skin]["inverseBindMatrices"]]["bufferView"]]
+            raw = bytearray(data)
+            start = view.get("byteOffset", 0)
+            raw[start : start + 64] = struct.pack("<16f", *[1e-30, *[0] * 4, 1, *[0] * 4, 1, *[0] * 4, 1])
+            survives(container(flat, bytes(raw), tmp_path / "flat.glb"))
 
 
 @functools.cache

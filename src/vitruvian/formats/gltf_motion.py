@@ -16,7 +16,7 @@ from vitruvian.body.rotations import from_axis_angle, from_matrix, normalize, sl
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import warn
 from vitruvian.formats.gltf_file import GltfFile, trs
-from vitruvian.formats.gltf_rig import Rig
+from vitruvian.formats.gltf_rig import Rig, solid
 from vitruvian.hanim.humanoid import Joint, Track
 from vitruvian.motion.tracks import axis_angles
 from vitruvian.motion.types import Motion, continuous
@@ -204,8 +204,7 @@ class Player:
 
 def _inverse(matrices: Floats) -> Floats:
     """Inverses (n,4,4); the identity where there is none (a bone scaled to nothing)."""
-    flat = np.abs(np.linalg.det(matrices[:, :3, :3])) < 1e-18
-    return np.linalg.inv(np.where(flat[:, None, None], np.eye(4), matrices))
+    return np.linalg.inv(np.where(solid(matrices)[:, None, None], matrices, np.eye(4)))
 
 
 def polar(linear: Floats) -> tuple[Floats, Floats]:

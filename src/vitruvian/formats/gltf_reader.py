@@ -17,7 +17,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.formats import gltf_motion, gltf_surface
 from vitruvian.formats.gltf_file import GltfFile
-from vitruvian.formats.gltf_rig import Rig, figures, nearest
+from vitruvian.formats.gltf_rig import Rig, figures, nearest, solid
 from vitruvian.formats.vrm_tables import info_of, preset_names
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Site
@@ -61,6 +61,8 @@ def read_all(path: str | os.PathLike[str], *, names: Names | None = None) -> lis
         raise
     except VitruvianError as error:  # a dataclass refused what the file asks for
         raise FileError(path, 0, str(error)) from None
+    except np.linalg.LinAlgError:
+        raise FileError(path, 0, "expected transforms that can be inverted, found a scale of nothing") from None
 
 
 def _read(file: GltfFile, own: dict[str, str]) -> list[Humanoid] | Motion | Mesh:
@@ -135,7 +137,7 @@ def _skin(
         elif skin is None and above[i] >= 0:
             j = above[i]
             bone = home @ worlds[rig.bones[j]]
-            if abs(np.linalg.det(bone[:3, :3])) > 1e-18:
+            if solid(bone):
                 matrix = rig.bind[j] @ np.linalg.inv(bone) @ home @ worlds[i]
                 gltf_surface.add_mesh(file, surface, i, matrix, np.array([j]))
         else:

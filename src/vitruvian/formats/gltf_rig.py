@@ -224,7 +224,7 @@ def _ours(file: GltfFile, home: int) -> Rig:
         bind[j, :3, 3] = file.numbers(file.extras(i), "center", f"node {i}", (0, 0, 0))
     with np.errstate(all="ignore"):
         world = file.worlds()[inner]
-    if not np.isfinite(world).all() or abs(np.linalg.det(world[:3, :3])) < 1e-18:
+    if not np.isfinite(world).all() or not solid(world):
         file.bad(f"node {inner}: expected a figure with a size, found a scale of nothing")
     made = Rig(nodes, bones, names, parents, bind, world, world, name=file.name(home), home=home)
     where = {bone: j for j, bone in enumerate(bones)}
@@ -260,7 +260,7 @@ def _foreign(file: GltfFile, nodes: list[int], names: list[str], skins: dict[int
     for k, entries in skins.items():
         inverses[k] = _inverse_binds(file, k, len(entries))
         slots[k] = np.array([index.get(i, -1) for i in entries])
-        sound = np.abs(np.linalg.det(inverses[k][:, :3, :3])) > 1e-18
+        sound = solid(inverses[k])
         space = _bind_space(file, k, [i if good else -1 for i, good in zip(entries, sound)], inverses[k], worlds)
         for j, inverse, good in zip(slots[k], inverses[k], sound):
             if j >= 0 and good and not given[j]:
@@ -268,12 +268,11 @@ def _foreign(file: GltfFile, nodes: list[int], names: list[str], skins: dict[int
     for j, i in enumerate(nodes):  # bones without a bind matrix stand at their parents as the file shows them
         if not given[j]:
             p = parents[j]
-            steady = p >= 0 and abs(np.linalg.det(worlds[nodes[p], :3, :3])) > 1e-18
+            steady = p >= 0 and solid(worlds[nodes[p]])
             bind[j] = bind[p] @ np.linalg.inv(worlds[nodes[p]]) @ worlds[i] if steady else worlds[i]
-            if abs(np.linalg.det(bind[j, :3, :3])) < 1e-18:  # a helper scaled to nothing has a place, no frame
-                bind[j, :3, :3] = np.eye(3)
     if not np.isfinite(bind).all():
         file.bad("skins: expected bind matrices that can be inverted")
+    bind[~solid(bind), :3, :3] = np.eye(3)  # a helper scaled to nothing has a place, no frame
     turn = _facing(file, names, bind)
     home = turn @ np.linalg.inv(place)
     bind = home @ bind
@@ -318,6 +317,14 @@ def _weighted(file: GltfFile, skins: dict[int, list[int]]) -> set[int]:
             joints, weights = influences(file, file.object(primitive, "attributes"), len(skins[k]), f"mesh of node {i}")
             out.update(skins[k][j] for j in np.unique(joints[weights > 0]))
     return out
+
+
+def solid(matrices: Floats) -> NDArray[np.bool_]:
+    """Which transforms (...,4,4) keep all three directions apart, so that they can be inverted; any unit."""
+    with np.errstate(all="ignore"):
+        linear = np.where(np.isfinite(matrices[..., :3, :3]), matrices[..., :3, :3], 0.0)
+        size = np.linalg.svd(linear, compute_uv=False)
+    return (size[..., 2] > 1e-10 * size[..., 0]) & (size[..., 2] > 1e-12)  # type: ignore[no-any-return]
 
 
 def _inverse_binds(file: GltfFile, skin: int, count: int) -> Floats:
