@@ -6,6 +6,7 @@ import re
 import warnings
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -103,3 +104,13 @@ def test_any_simple_polygon_keeps_its_area_and_side(radii: list, normal: tuple, 
     whole = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) @ z / 2
     assert areas.min() > -1e-9
     np.testing.assert_allclose(areas.sum(), whole, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", sorted(TEXTS))
+def test_every_number_that_is_none_is_found(kind: str) -> None:
+    """One after the other, also those of looks and shapes: what reading refuses, the doctor names."""
+    words = [m[0] for m in WORD.finditer(TEXTS[kind])]
+    numbers = [n for n, word in enumerate(words) if word.lstrip("-").replace(".", "").isdigit()]
+    assert len(numbers) > 20
+    for at in numbers:
+        test_broken_files.hypothesis.inner_test(kind, [(at, "nan")])

@@ -94,6 +94,7 @@ class Chart:
         self.reading = Reading(scene, path, repair=True)
         self.findings: list[Finding] = []
         self.nodes = list(scene.walk())
+        self.forms: dict[tuple[str | int, str], str] = {}  # types of number fields, by type of node and field
         self.guesses = 0
         self._defs: dict[str, Node] | None = None
         self._parents: dict[int, Node] | None = None

@@ -10,8 +10,9 @@ from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_fix import Wanted
 from vitruvian.hanim.doctor_space import segment_points
-from vitruvian.hanim.doctor_values import AXIS, NUMERIC, SINGLE, outside, wrong_inertia
+from vitruvian.hanim.doctor_values import AXIS, form_of, outside, single, wrong_inertia
 from vitruvian.hanim.graph import Node, Use
+from vitruvian.hanim.values import COLUMNS
 
 
 def _numbers(chart: Chart, wanted: Wanted) -> Iterator[str]:
@@ -19,20 +20,20 @@ def _numbers(chart: Chart, wanted: Wanted) -> Iterator[str]:
     for node in chart.nodes:
         kind, who = chart.reading.kind(node), chart.reading.who(node)
         for field, value in list(node.fields.items()):
-            form = NUMERIC.get(field)
-            if form is None or form == "MFInt32" or isinstance(value, Node | Use):
+            form = form_of(chart, node, field)
+            if form in ("", "MFInt32") or isinstance(value, Node | Use):
                 continue  # indices that are no numbers are dropped with their pair or face
             if isinstance(value, list) and not kind:
                 continue
             array = chart.numbers(node, field)
             finite = bool(np.isfinite(array).all())
-            single = SINGLE.get(form)
-            short = single is not None and bool(kind) and len(array) not in (0, single)
-            if "P06+" in wanted and (short or (single and not finite)):
+            count = single(form)
+            short = count > 0 and bool(kind) and len(array) not in (0, count)
+            if "P06+" in wanted and (short or (count and not finite)):
                 del node.fields[field]
                 yield f"{who}: {field} is left out, it was no {form} (P06)"
             elif "P06+" in wanted and not finite:
-                width = 3 if form == "MFVec3f" and len(array) % 3 == 0 else 1
+                width = COLUMNS[form[2:]] if len(array) % COLUMNS[form[2:]] == 0 else 1
                 mended = np.where(np.isfinite(array), array, 0.0)
                 node.fields[field] = mended.reshape(-1, width) if width > 1 else mended
                 yield f"{who}: {int((~np.isfinite(array)).sum())} numbers of {field} are 0 (P06)"

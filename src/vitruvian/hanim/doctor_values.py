@@ -7,10 +7,12 @@ import numpy as np
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_space import segment_points
+from vitruvian.hanim.fields import type_of
 from vitruvian.hanim.graph import Literal, Node, Use
+from vitruvian.hanim.values import COLUMNS
 
-# Number fields that are read for every node: their type decides how many numbers belong together.
-NUMERIC = {
+# Number fields of nodes that no table knows, such as humanoids whose prototype stands in another file.
+_BY_NAME = {
     "center": "SFVec3f", "translation": "SFVec3f", "scale": "SFVec3f", "rotation": "SFRotation",
     "scaleOrientation": "SFRotation", "limitOrientation": "SFRotation", "centerOfMass": "SFVec3f",
     "point": "MFVec3f", "vector": "MFVec3f", "displacements": "MFVec3f", "coordIndex": "MFInt32", "index": "MFInt32",
@@ -19,7 +21,6 @@ NUMERIC = {
     "keyValue": "MFFloat", "values": "MFFloat", "cycleInterval": "SFFloat", "frameDuration": "SFFloat",
     "jointBindingPositions": "MFVec3f", "jointBindingRotations": "MFRotation", "jointBindingScales": "MFVec3f",
 }  # fmt: skip
-SINGLE = {"SFVec3f": 3, "SFRotation": 4, "SFFloat": 1}
 AXIS = 1e-2  # how far an axis may be from length 1
 
 
@@ -27,9 +28,24 @@ def numbers(chart: Chart) -> None:
     """P06: numbers that are not finite, not numbers at all or too few; zero or negative scale; non-unit axes."""
     for node in chart.nodes:
         for field, value in node.fields.items():
-            wanted = NUMERIC.get(field)
-            if wanted is not None:
+            wanted = form_of(chart, node, field)
+            if wanted:
                 _number(chart, node, field, value, wanted)
+
+
+def form_of(chart: Chart, node: Node, field: str) -> str:
+    """Type of a field that holds numbers ("MFVec3f"), "" for all others."""
+    key = (id(node) if node.interface else node.type, field)
+    form = chart.forms.get(key)
+    if form is None:
+        form = type_of(node, field, chart.reading.protos) or _BY_NAME.get(field, "")
+        form = chart.forms[key] = form if form[2:] in COLUMNS else ""
+    return form
+
+
+def single(form: str) -> int:
+    """How many numbers a field of this type has, 0 for as many as there are."""
+    return COLUMNS[form[2:]] if form.startswith("SF") else 0
 
 
 def _number(chart: Chart, node: Node, field: str, value: object, wanted: str) -> None:
@@ -41,8 +57,8 @@ def _number(chart: Chart, node: Node, field: str, value: object, wanted: str) ->
     line = value.line if isinstance(value, Literal) else 0
     if bad.size:
         chart.add("P06", node, f"{field}: entry {bad[0]} is not a finite number", "give a number", line)
-    elif wanted in SINGLE and kind and len(array) not in (0, SINGLE[wanted]):
-        message = f"{field}: expected {SINGLE[wanted]} numbers, found {len(array)}"
+    elif single(wanted) and kind and len(array) not in (0, single(wanted)):
+        message = f"{field}: expected {single(wanted)} numbers, found {len(array)}"
         chart.add("P06", node, message, "give the right count", line)
     elif kind and field == "scale" and (array <= 0).any():
         factors = " ".join(f"{v:g}" for v in array)

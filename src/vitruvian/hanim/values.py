@@ -30,6 +30,8 @@ _COLUMNS = {
     "Double": 1,
     "Time": 1,
 }
+COLUMNS = {**_COLUMNS, "Int32": 1}
+"""How many numbers make one value, by type without its SF or MF."""
 _DOUBLE = {"Double", "Time", *(t for t in _COLUMNS if t.endswith("d"))}
 _INTEGER = {"Int32", "Image"}
 

@@ -137,7 +137,7 @@ def solved(shape: Shape, wishes: dict[str, float], kilograms: float | None = Non
         if name not in SLIDERS:
             raise VitruvianError(f"measure {name}: expected one of {', '.join(NAMES)}")
         if not 0.05 <= value <= 2.5:
-            hint = f"; did you mean {value / 100:g}?" if 5 <= value <= 250 else ""
+            hint = f"; did you mean {value / 100:g}?" if 20 <= value <= 250 else ""
             raise VitruvianError(f"measure {name}: expected metres in 0.05..2.5, found {value:g}{hint}")
     if kilograms is not None and not 15 <= kilograms <= 250:
         raise VitruvianError(f"weight: expected 0..1 or 15..250 kg, found {kilograms:g}")
