@@ -20,7 +20,7 @@ from vitruvian.formats.x3d_json import parse_json
 from vitruvian.formats.x3d_json_writer import print_json
 from vitruvian.formats.x3d_writer import print_x3d
 from vitruvian.hanim.compare import difference
-from vitruvian.hanim.graph import Scene
+from vitruvian.hanim.graph import Literal, Node, Scene
 
 ENCODINGS = ("x3d", "x3dv", "wrl", "x3dj")
 # What a foreign encoding may say about these graphs: VRML97 has no H-Anim nodes and no units; XML needs a USE's type.
@@ -59,6 +59,16 @@ def test_random_graphs_come_back(encoding: str) -> None:
                 assert difference(back, read(again, other)) == ""
 
     round_trips()
+
+
+@pytest.mark.parametrize(
+    "word", ["true", "TRUE", "False", "tRuE false", "Falsehood", "NULL", "1e5", "0x1F", "''", "[", "#"]
+)
+def test_words_of_unknown_nodes_mean_the_same_everywhere(word: str) -> None:
+    node = Node("ShipOfTheseus", fields={"planks": Literal(word, "xml")})
+    scene = Scene("", "x3d", "4.0", body=[node])
+    for other in ENCODINGS:
+        assert difference(scene, read(write(scene, other)[0], other), typed=True) == ""
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

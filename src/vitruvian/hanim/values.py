@@ -420,7 +420,7 @@ def translate(literal: Literal, type: str, syntax: str) -> str | None:
 def _to_vrml(literal: Literal, type: str) -> str | None:
     text = literal.text
     words = text.replace(",", " ").split()
-    if words and all(w in ("true", "false", "TRUE", "FALSE") for w in words):
+    if words and all(w.lower() in ("true", "false") for w in words):
         text = text.upper()
     elif not _NUMBERS.fullmatch(text) or (not words and type[:2] != "MF"):
         if type:
