@@ -23,6 +23,7 @@ from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
 from vitruvian.show.openness import openness, owners, reaches
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
+from vitruvian.stage.actor import travel
 from vitruvian.stage.clip import Clip, Mesh
 
 PAGE = ("linear", "dual-quaternion", "log")  # deform.js
@@ -53,6 +54,7 @@ class Actor:
     deformer: str = "log"
     travel: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
+    motion: Motion | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -111,18 +113,8 @@ def _moving(body: Body, motion: Motion | None, deformer: str, humanoid: Humanoid
         if motion is not None and morph.name in motion.weights:
             weights[:, i] = motion.weights[morph.name]
     fps = motion.fps if motion is not None else 30.0
-    travel = _travel(motion) if motion is not None and motion.loop else np.zeros(3)
-    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, travel, humanoid)
-
-
-def _travel(motion: Motion) -> NDArray[np.float64]:
-    """Displacement (3,) on the floor of one round: from the first frame to the one that would follow the last."""
-    t = motion.translation
-    if len(t) < 3:
-        return np.zeros(3)
-    step = (t[-1] - t[-2] + t[1] - t[0]) / 2
-    travel = (t[-1] + step - t[0]) * [1.0, 0.0, 1.0]
-    return travel if np.linalg.norm(travel) > 0.05 else np.zeros(3)
+    way = travel(motion) if motion is not None and motion.loop else np.zeros(3)
+    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, way, humanoid, motion)
 
 
 def sample(actor: Actor, seconds: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
