@@ -25,6 +25,7 @@ from vitruvian.show.openness import openness, owners, reaches
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.actor import travel
 from vitruvian.stage.clip import Clip, Mesh
+from vitruvian.stage.stage import Stage
 
 PAGE = ("linear", "dual-quaternion", "log")  # deform.js
 SERVED = ("volume", "hand", "contours", "hybrid", "log-pair", "log-absolute")  # computed here, sent as vertices
@@ -82,6 +83,18 @@ def actors_of(things: Sequence[object]) -> list[Actor]:
     if not actors:
         raise VitruvianError("show: expected at least one Clip, Humanoid, Body or Mesh, found nothing")
     return actors
+
+
+def actors_on(stage: Stage) -> list[Actor]:
+    """The actors of a stage, as pages see them."""
+    out = []
+    for a in stage.actors.values():
+        if a.body is None:
+            assert a.mesh is not None
+            out.append(replace(_actor(a.mesh), name=a.name))
+        else:
+            out.append(replace(_moving(a.body, a.motion, a.deformer, a.humanoid), name=a.name))
+    return out
 
 
 def _actor(thing: object) -> Actor:

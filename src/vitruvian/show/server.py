@@ -208,9 +208,7 @@ class _Page:
         """Meshes, then the newest frame whenever fewer than `IN_FLIGHT` are unacknowledged: nothing ever queues up."""
         showing = self.showing
         showing.begin()
-        await self.ws.send_bytes(showing.hello())
-        for mesh in showing.meshes:
-            await self.ws.send_bytes(mesh)
+        levels: dict[str, int] = {}
         told, due = (-1, -1), 0.0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
@@ -219,6 +217,10 @@ class _Page:
                 self.sent += 1
                 message = showing.frame(self.sent)
                 told, due = showing.told, time.monotonic() + INTERVAL
+                if levels != showing.levels:  # at first, and when there are other points: all anew, before the frame
+                    levels = showing.levels
+                    for part in (showing.hello(), *showing.meshes):
+                        await self.ws.send_bytes(part)
                 await self.ws.send_bytes(message)
             elif self.sent - self.acked >= IN_FLIGHT or not showing.playing:
                 with contextlib.suppress(TimeoutError):  # a script may have sent something to the stage

@@ -6,12 +6,12 @@ import asyncio
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import inverse, multiply
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_message, pose_blocks
@@ -41,8 +41,10 @@ class Showing:
         self.title = title or ", ".join(a.name for a in self.actors)
         self.fps = max(a.fps for a in self.actors)
         self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
-        self.meshes = [mesh_message(a) for a in self.actors]
+        self._meshes: dict[tuple[str, int], bytes] = {}
         self.own = stage is None
+        if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
+            stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
         self.stage = staged(self.actors, self.fps, self.frames) if stage is None else stage
         self.change = 0  # counts everything that pages have to be told
         self.wake: set[asyncio.Event] = set()
@@ -60,6 +62,23 @@ class Showing:
     def told(self) -> tuple[int, int]:
         """Differs when pages have to be told something."""
         return self.change, self.stage.sent
+
+    @property
+    def levels(self) -> dict[str, int]:
+        """Level of detail of each actor whose points are computed here, in the last frame; others have page's own."""
+        actors = self.stage.actors.values()
+        return {a.name: a.level if a.body is not None and a.deformer in SERVED else 0 for a in actors}
+
+    @property
+    def meshes(self) -> list[bytes]:
+        """What does not move, of all actors at their levels of detail."""
+        levels = self.levels
+        for a in self.actors:
+            key = (a.name, levels[a.name])
+            if key not in self._meshes:
+                body = self.stage.actors[a.name].levels[key[1]].body if a.body is not None else None
+                self._meshes[key] = mesh_message(replace(a, body=body))
+        return [self._meshes[a.name, levels[a.name]] for a in self.actors]
 
     @property
     def deformers(self) -> dict[str, str]:
@@ -89,7 +108,6 @@ class Showing:
     def apply(self, request: Mapping[str, Any]) -> None:
         """Do what a page asked for; `VitruvianError` for names that do not exist."""
         kind, stage = request["type"], self.stage
-        at = self.now().time * self.fps
         if kind in ("play", "pause"):
             stage.send(kind)
         elif kind == "seek":
@@ -97,6 +115,7 @@ class Showing:
         elif kind == "speed":
             stage.speed(float(request["value"]))
         elif kind == "step":
+            at = stage.advance(0.0).time * self.fps  # after what was asked for before
             stage.pause()
             stage.seek((round(at) + request["frames"]) % self.frames / self.fps)
         elif kind == "loop":
@@ -169,14 +188,16 @@ class Showing:
         return encode("frame", fields | state, self.blocks(frame))
 
     def blocks(self, frame: Frame) -> list[Block]:
-        """Poses of all actors, and points of those that the page does not deform. Both are of the same pose: `posed` is
-        that of the points where it is not what the motion says."""
+        """Poses of all actors, and points of those that the page does not deform. `pose` and `displacers` are what the
+        motion says, on which pages put what was set by themselves; points are of the pose `posed`, or `pose` without."""
         blocks: list[Block] = []
         for actor in self.actors:
             posed = frame[actor.name]
-            given = _rows(_unturned(posed, self.stage.actors[actor.name])) if posed.turns else _rows(posed.joints)
-            blocks += pose_blocks(actor, given, posed.weights.astype(np.float32))
-            if posed.vertices is None or posed.normals is None:
+            player = self.stage.actors[actor.name]
+            given = _rows(_unturned(posed, player) if posed.turns else posed.joints)
+            weights = player.weights if posed.shaped else posed.weights
+            blocks += pose_blocks(actor, given, weights.astype(np.float32))
+            if posed.vertices is None or posed.normals is None or posed.deformer not in SERVED:
                 continue
             if posed.turns:
                 blocks.append(Block("posed", _rows(posed.joints), actor.name))
@@ -211,4 +232,4 @@ def _unturned(posed: Posed, player: Player) -> NDArray[np.float64]:
     which = list(posed.turns)
     rotation = posed.rotation.copy()
     rotation[which] = multiply(inverse(np.array([posed.turns[j] for j in which])), rotation[which])
-    return pose_matrices(player.bare, rotation[None], posed.translation[None])[0]
+    return player.kinematics(rotation[None], posed.translation[None])[0]

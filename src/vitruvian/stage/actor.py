@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.kinematics import bound_kinematics
 from vitruvian.body.rotations import multiply, slerp
 from vitruvian.body.types import Body, Floats, Ints, Skeleton
 from vitruvian.errors import VitruvianError
@@ -113,10 +115,10 @@ class Actor:
         skeleton = None if body is None else body.skeleton
         self.rotation: Floats = np.zeros((0, 4)) if skeleton is None else skeleton.rotation
         self.translation: Floats = np.zeros((0, 3)) if skeleton is None else skeleton.translation
-        self.weights: Floats = np.array([m.weight for m in self.morphs], np.float64)
+        self.weights = self.file = np.array([m.weight for m in self.morphs], np.float64)
         self._curves = self._weight_curves()
         self._sampled = -1.0
-        self._mixed: tuple[Any, ...] = (None, None, None)
+        self._mixed: tuple[Any, ...] = ((None,), self.rotation, self.weights)
         self._folds: dict[tuple[int, frozenset[str]], tuple[Ints, Ints]] = {}
 
     @property
@@ -129,9 +131,10 @@ class Actor:
         return self.body.skeleton
 
     @cached_property
-    def bare(self) -> Skeleton:
-        """The skeleton without the file's binding."""
-        return self.skeleton if self.skeleton.binding is None else replace(self.skeleton, binding=None)
+    def kinematics(self) -> Callable[[Floats, Floats], Floats]:
+        """Forward kinematics without the file's binding."""
+        skeleton = self.skeleton
+        return bound_kinematics(skeleton if skeleton.binding is None else replace(skeleton, binding=None))
 
     @cached_property
     def displacers(self) -> dict[str, int]:
@@ -195,7 +198,7 @@ class Actor:
     def wanted(self) -> tuple[Floats, Floats]:
         """Rotation and weights with what was set on top of them; the same objects while nothing changes."""
         key = (self.rotation, self.turns, self.weights, self.shaped)
-        if self._mixed[0] is None or any(a is not b for a, b in zip(self._mixed[0], key, strict=True)):
+        if not all(map(operator.is_, self._mixed[0], key)):
             rotation, weights = self.rotation, self.weights
             if self.turns:
                 which = list(self.turns)

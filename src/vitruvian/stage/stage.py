@@ -108,6 +108,7 @@ class Stage:
         self._inbox: deque[tuple[float, int, Event]] = deque()  # from outside, also from other threads
         self._queue: list[tuple[float, int, Event]] = []
         self._numbers = itertools.count()
+        self._later: list[str] = []  # systems between deform and publish
         self._running = 0  # the thread that makes a tick
         for actor in self.actors.values():
             self.workshop.prepare(actor)
@@ -130,6 +131,8 @@ class Stage:
         require(place in names, f"system {name}", f"one of {', '.join(names)}", repr(place))
         system = System(name, run, every)
         self.systems.insert(names.index(place) + bool(after), system)
+        names = [s.name for s in self.systems]
+        self._later = names[names.index("deform") + 1 : names.index("publish")]
         return system
 
     def intercept(self, run: Hooked, kind: str = "rotation", *, actor: str = "", name: str = "") -> Hook:
@@ -161,7 +164,7 @@ class Stage:
 
     def draft(self, actor: str) -> Draft:
         """An actor in the making, for systems after "intercept"."""
-        require(self._running, "draft", "a stage that is in a tick", "one between two ticks")
+        require(self._running != 0, "draft", "a stage that is in a tick", "one between two ticks")
         return self.workshop.drafts[self._actor(actor).name]
 
     # what happens to it
@@ -198,7 +201,7 @@ class Stage:
         When a system raises, nothing is published, and poses stay what they were.
         """
         require(ticks >= 0, "ticks", "0 or more", ticks)
-        require(not self._running, "step", "a stage between two ticks", "one that is in a tick")
+        require(self._running == 0, "step", "a stage between two ticks", "one that is in a tick")
         come = [self._inbox.popleft() for _ in range(len(self._inbox))]
         self._queue += come
         if self.journal is not None:
@@ -371,9 +374,8 @@ def _intercept(stage: Stage, dt: float) -> None:
 
 def _publish(stage: Stage, dt: float) -> None:
     """Let go of poses and points of this tick together."""
-    names = [s.name for s in stage.systems]
-    later = names[names.index("deform") + 1 : names.index("publish")]
-    posed = {actor.name: stage.workshop.finished(actor, later) for actor in stage.actors.values()}
+    finished, later = stage.workshop.finished, stage._later
+    posed = {actor.name: finished(actor, later) for actor in stage.actors.values()}
     stage.workshop.commit()
     clock = stage.clock
     stage.frame = Frame(clock.tick, clock.time, clock.round, posed, tuple(stage.happened))

@@ -6,6 +6,8 @@ Nothing here is seen outside before it is whole: see `Workshop.finished`.
 from __future__ import annotations
 
 import inspect
+import math
+import operator
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.types import Floats, require
 from vitruvian.errors import VitruvianError
 from vitruvian.stage.actor import Actor, Posed, Single
@@ -33,6 +34,7 @@ class Draft:
 
     made_of: tuple[Any, ...]  # rotation, translation, weights and what decides how they deform
     changed: bool
+    run: Deformer | None = None
     joints: Floats = field(default_factory=lambda: NONE)
     matrices: Floats = field(default_factory=lambda: NONE)
     vertices: Single | None = None
@@ -101,11 +103,11 @@ class Workshop:
         if stage.hooks and was is not None:
             rotation = self._guarded(stage, actor, "rotation", rotation, was.rotation)
             translation = self._guarded(stage, actor, "translation", translation, was.translation)
-            weights = self._guarded(stage, actor, "weight", weights[:, None], was.weights[:, None])[:, 0]
+            weights = self._guarded(stage, actor, "weight", weights, was.weights)
         made_of = (rotation, translation, weights, actor.deformer, actor.options, actor.level, actor.still)
         before = self._computed.get(actor.name)
-        if before is None or any(a is not b for a, b in zip(made_of, before.made_of)):
-            self.drafts[actor.name] = Draft(made_of, True)
+        if before is None or not all(map(operator.is_, made_of, before.made_of)):
+            self.drafts[actor.name] = Draft(made_of, True, self.run(actor))
         else:
             self.drafts[actor.name] = replace(before, changed=False, vertices=before.deformed)
 
@@ -123,7 +125,7 @@ class Workshop:
                 out[i] = old[i]
                 continue
             answer = stage.asked(Event(kind, actor.name, names[i], wanted[i], stage.clock.total, old[i]))
-            if answer is None or answer is HOLD:
+            if answer is None or answer is HOLD or answer.value is None:
                 out[i] = old[i]
                 held += [i] if answer is HOLD else []
             else:
@@ -150,10 +152,10 @@ class Workshop:
                 rotation, translation = (a[None] for a in some[0][1].made_of[:2])
             else:
                 rotation, translation = (np.stack([d.made_of[k] for _, d in some]) for k in (0, 1))
-            joints = pose_matrices(first.bare, rotation, translation)
+            joints = first.kinematics(rotation, translation)
             for own, (actor, _) in zip(joints, some):
                 actor.fold(own)
-            if not np.isfinite(joints).all():
+            if not math.isfinite(np.vdot(joints, joints)):
                 k, j = np.argwhere(~np.isfinite(joints).all(axis=(2, 3)))[0]
                 name = some[int(k)][0].name
                 require(False, f"pose of {name}", "finite matrices", f"{first.skeleton.names[int(j)]} without")
@@ -172,8 +174,8 @@ class Workshop:
             draft = self.drafts[actor.name]
             if actor.mesh is not None and draft.changed:
                 draft.vertices = draft.deformed = np.ascontiguousarray(actor.mesh.vertices, np.float32)
-        for group in self._groups(actors, lambda actor, draft: id(self.run(actor))):
-            run = self.run(group[0][0])
+        for group in self._groups(actors, lambda actor, draft: id(draft.run)):
+            run = group[0][1].run
             if run is None:
                 continue
             keys: dict[Any, list[tuple[Actor, Draft]]] = {}
@@ -181,11 +183,13 @@ class Workshop:
                 key = (id(draft.matrices), draft.made_of[2].tobytes() if len(group) > 1 else b"")
                 keys.setdefault(key, []).append((actor, draft))
             some = [twins[0] for twins in keys.values()]
+            if any(len(draft.matrices) == 0 for _, draft in some):
+                raise VitruvianError("deform: expected joint matrices, found none; it comes after kinematics")
             if len(some) == 1:
                 matrices = some[0][1].matrices[None]
             else:
                 matrices = np.stack([draft.matrices for _, draft in some])
-            vertices = run(matrices, _displaced(run, some))
+            vertices = _deformed(run, matrices, some)
             self.computed += len(some)
             vertices.flags.writeable = False
             for own, twins in zip(vertices, keys.values()):
@@ -208,7 +212,7 @@ class Workshop:
         """`bound`, looked up once while nothing about it changes."""
         key = (actor.deformer, actor.options, actor.level, actor.still)
         known = self._run.get(actor.name)
-        if known is None or any(a is not b for a, b in zip(key, known[0])):
+        if known is None or not all(map(operator.is_, key, known[0])):
             known = self._run[actor.name] = (key, self.bound(actor))
         return known[1]
 
@@ -219,7 +223,7 @@ class Workshop:
         still = was is not None and not draft.changed and was.vertices is draft.vertices
         if was is not None and still and was.placement is placement:
             return was
-        run = None if actor.body is None else self.run(actor)
+        run = draft.run
         if run is not None and draft.of is not draft.matrices:
             raise VitruvianError(f"publish: the points of {actor.name} belong to another pose than its joints")
         if draft.vertices is not None and later and not np.isfinite(draft.vertices).all():
@@ -238,16 +242,18 @@ class Workshop:
         self._computed.update(self.drafts)
 
 
-def _displaced(run: Deformer, some: Iterable[tuple[Actor, Draft]]) -> dict[str, Floats] | None:
-    """Weights (A,) of displacers that are not what the file says, by name, for those that this body has."""
-    if not run.morphs.names:
-        return None
-    actors = [actor for actor, _ in some]
-    weights = np.stack([draft.made_of[2] for _, draft in some])
-    file = np.array([m.weight for m in actors[0].morphs])
-    names, known = list(actors[0].displacers), set(run.morphs.names)
+def _deformed(run: Deformer, matrices: Floats, some: list[tuple[Actor, Draft]]) -> Single:
+    """(A,V,3) points of actors with this deformer, for their matrices (A,J,4,4) and displacers' weights."""
+    given = [draft.made_of[2] for _, draft in some]
+    file = some[0][0].file
+    if all(w is file for w in given) and not file.any():  # as nearly always: nothing is displaced
+        out = np.empty((len(matrices), len(run.body.skin.rest), 3), np.float32)
+        run.operator.points(matrices, out)
+        return out
+    names, known = list(some[0][0].displacers), set(run.morphs.names)
+    weights = np.stack(given)
     changed = np.flatnonzero((weights != file).any(axis=0))
-    return {names[i]: weights[:, i] for i in changed if names[i] in known} or None
+    return run(matrices, {names[i]: weights[:, i] for i in changed if names[i] in known} or None)
 
 
 def _frozen(value: Any) -> Any:
