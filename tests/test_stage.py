@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +12,23 @@ from hypothesis import strategies as st
 
 import vitruvian as vt
 from capsules import about, capsule_body, capsule_clip, stride
+from pages import find, opened, pause, scrub
+from test_server import dial, hello, receive
 from vitruvian.body.contours import grid, limb
 from vitruvian.body.kinematics import joint_matrices
-from vitruvian.body.rotations import from_axis_angle, multiply, to_axis_angle
+from vitruvian.body.rotations import from_axis_angle, from_matrix, multiply, to_axis_angle
 from vitruvian.body.types import Body, Skeleton, Skin, Weights
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.clips import sample
 from vitruvian.motion.types import Motion
+from vitruvian.show.actors import actors_of, actors_on
+from vitruvian.show.live import Window, serve, show
+from vitruvian.show.recording import messages
+from vitruvian.show.server import Server
+from vitruvian.show.showing import Showing
+from vitruvian.show.wire import decode
 from vitruvian.stage.actor import Actor
 from vitruvian.stage.clock import Clock
 from vitruvian.stage.events import HOLD, KINDS, Event
@@ -629,3 +638,117 @@ def test_whatever_comes_every_frame_is_whole(sent, endless):
         assert 0 <= frame.time <= (np.inf if endless else 1.2)
         np.testing.assert_array_equal(posed.vertices, deformer(posed.deformer, body)(posed.matrices, morphs))
         assert not posed.vertices.flags.writeable and not posed.matrices.flags.writeable
+
+
+def wire_points(arrays, header, name):
+    """(V,3) points of a frame message, and half of their quantum."""
+    (entry,) = [b for b in header["blocks"] if b["actor"] == name and b["channel"] == "vertices"]
+    q = arrays[name, "vertices"][:, :3].astype(float)
+    return np.array(entry["origin"]) + q * entry["scale"] / 32767, entry["scale"] / 65534
+
+
+def squared(rows):
+    out = np.tile(np.eye(4), (len(rows), 1, 1))
+    out[:, :3] = rows.reshape(-1, 3, 4)
+    return out
+
+
+def test_messages_to_pages_hold_points_and_the_pose_of_these_points():
+    clip = capsule_clip(vertices=500, deformer="hybrid")
+    showing = Showing(actors_of([clip]))
+    run = deformer("hybrid", clip.body)
+    turned = 0
+    for k in range(12):
+        showing.apply({"type": "seek", "frame": 3 * k})
+        if k % 3 == 1 and k < 9:
+            q = about("x", np.array([-0.3 * k]))[0].tolist()
+            showing.apply({"type": "set_rotation", "actor": "capsules", "joint": "l_elbow", "rotation": q})
+        if k == 9:
+            showing.apply({"type": "clear_pose", "actor": "capsules"})
+        header, arrays = decode(showing.frame(k))
+        points, half = wire_points(arrays, header, "capsules")
+        clip_pose = arrays["capsules", "pose"]
+        posed = arrays.get(("capsules", "posed"), clip_pose)
+        assert np.abs(points - run(squared(posed))).max() < half + 2e-6
+        np.testing.assert_allclose(clip_pose, actors_of([clip])[0].poses[3 * k], atol=2e-6)  # what sliders start from
+        turned += ("capsules", "posed") in arrays
+        assert header["frame"] == pytest.approx(3 * k) and (("capsules", "posed") in arrays) == (1 <= k < 9)
+    assert turned == 8
+
+
+def test_recordings_hold_whole_frames_of_actors_with_rates_of_their_own():
+    clip = capsule_clip(vertices=300, deformer="hybrid")
+    slow = replace(clip, motion=Motion(clip.body.skeleton, 12.0, clip.motion.rotation[:9], clip.motion.translation[:9]))
+    stored = [decode(m) for m in messages(Showing(actors_of([clip, slow])))]
+    frames = [m for m in stored if m[0]["type"] == "frame"]
+    assert len(frames) == 36
+    run = deformer("hybrid", clip.body)
+    for header, arrays in frames:
+        for name in ("capsules", "capsules 2"):
+            points, half = wire_points(arrays, header, name)
+            assert np.abs(points - run(squared(arrays[name, "pose"]))).max() < half + 2e-6
+
+
+def test_a_stage_is_shown_live_with_its_hooks_and_levels():
+    body = arm()
+    stage = vt.Stage([Actor("p", body, deformer="contours")])
+    stage.intercept(lambda s, e: replace(e, value=from_axis_angle([1, 0, 0, 0.3])), name="l_elbow")
+    showing = Showing(actors_on(stage), stage=stage)
+    server = Server(showing)
+    with Window(server, serve(server)) as window, dial(window) as ws:
+        hello(window, ws)
+        header, arrays = receive(ws, "mesh")
+        full = len(arrays["p", "rest"])
+        ws.send(json.dumps({"type": "pause"}))
+        ws.send(json.dumps({"type": "set_rotation", "actor": "p", "joint": "l_elbow", "rotation": [1, 0, 0, 0]}))
+        for _ in range(100):
+            header, arrays = receive(ws, "frame")
+            if ("p", "posed") in arrays:
+                break
+        points, half = wire_points(arrays, header, "p")
+        elbow_ = body.skeleton.index["l_elbow"]
+        got = squared(arrays["p", "posed"])
+        assert to_axis_angle(from_matrix(got[elbow_]))[3] == pytest.approx(0.3, abs=1e-6)
+        assert np.abs(points - deformer("contours", body)(got)).max() < half + 5e-6
+        stage.send("level", "p", value=2)  # from Python, while the page stands still
+        header, arrays = receive(ws, "mesh")
+        coarse = len(arrays["p", "rest"])
+        header, arrays = receive(ws, "frame")
+        assert coarse < full and len(arrays["p", "vertices"]) == coarse
+
+
+def test_joints_and_points_on_the_page_are_never_of_different_poses(browser):
+    """Sliders while the server deforms: sampled between any two drawings, the hand stays where the arm ends."""
+    clip = capsule_clip(vertices=1500, frames=6)
+    skeleton, weights = clip.body.skeleton, clip.body.skin.weights
+    hand = [skeleton.index["l_wrist"], skeleton.index["l_carpometacarpal_2"]]
+    share = np.bincount(weights.vertex, weights.weight * np.isin(weights.joint, hand), minlength=len(weights))
+    vertex = int(np.argmax(share))
+    with show(clip, open_browser=False, block=False) as window, opened(browser, window.url) as page:
+        pause(page)
+        scrub(page, 2)
+        page.get_by_test_id("deformer").select_option("hybrid")
+        page.wait_for_timeout(300)
+        find(page, "l_wrist")
+        samples = page.evaluate(
+            """async (vertex) => {
+              const slider = document.querySelector('[data-testid="slider-l_wrist-x"]'), out = [];
+              for (let k = 0; k < 12; k++) {
+                slider.value = -5 * k;
+                slider.dispatchEvent(new Event("input"));
+                for (let i = 0; i < 4; i++) {
+                  out.push([...vitruvian.site("l_hand_tip"), ...vitruvian.positions().slice(3 * vertex, 3 * vertex + 3)]);
+                  await new Promise(requestAnimationFrame);
+                }
+              }
+              return out;
+            }""",
+            vertex,
+        )
+    samples = np.array(samples)
+    site, point = samples[:, :3], samples[:, 3:]
+    site = site - [0, 0, np.round((site[0] - point[0])[2] / 1.3) * 1.3]  # rounds that it has walked
+    assert np.ptp(point, axis=0).max() > 0.01  # it has moved
+    # Site and vertex are one rigid piece: where the Site is says where the vertex has to be
+    rigid = np.linalg.norm(site - point, axis=1)
+    assert np.ptp(rigid) < 2e-4

@@ -108,7 +108,6 @@ class Stage:
         self._inbox: deque[tuple[float, int, Event]] = deque()  # from outside, also from other threads
         self._queue: list[tuple[float, int, Event]] = []
         self._numbers = itertools.count()
-        self._later: list[str] = []  # systems between deform and publish
         self._running = 0  # the thread that makes a tick
         for actor in self.actors.values():
             self.workshop.prepare(actor)
@@ -131,8 +130,6 @@ class Stage:
         require(place in names, f"system {name}", f"one of {', '.join(names)}", repr(place))
         system = System(name, run, every)
         self.systems.insert(names.index(place) + bool(after), system)
-        names = [s.name for s in self.systems]
-        self._later = names[names.index("deform") + 1 : names.index("publish")]
         return system
 
     def intercept(self, run: Hooked, kind: str = "rotation", *, actor: str = "", name: str = "") -> Hook:
@@ -374,7 +371,8 @@ def _intercept(stage: Stage, dt: float) -> None:
 
 def _publish(stage: Stage, dt: float) -> None:
     """Let go of poses and points of this tick together."""
-    finished, later = stage.workshop.finished, stage._later
+    names = [s.name for s in stage.systems]
+    finished, later = stage.workshop.finished, names[names.index("deform") + 1 : names.index("publish")]
     posed = {actor.name: finished(actor, later) for actor in stage.actors.values()}
     stage.workshop.commit()
     clock = stage.clock

@@ -220,9 +220,10 @@ class Workshop:
         """What is published of an actor: its pose and the points of just this pose. `later`: systems after "deform"."""
         draft, was = self.drafts[actor.name], actor.posed
         placement = actor.placed()
-        still = was is not None and not draft.changed and was.vertices is draft.vertices
-        if was is not None and still and was.placement is placement:
-            return was
+        if was is not None and not draft.changed:
+            key = (was.vertices, was.placement, was.turns, was.shaped)
+            if all(map(operator.is_, key, (draft.vertices, placement, actor.turns, actor.shaped))):
+                return was
         run = draft.run
         if run is not None and draft.of is not draft.matrices:
             raise VitruvianError(f"publish: the points of {actor.name} belong to another pose than its joints")
