@@ -171,12 +171,19 @@ class Stage:
 
         Raises VitruvianError for unknown kinds, actors and names and for values that do not fit, at once.
         """
-        require(kind in self.kinds, "event", f"one of {', '.join(self.kinds)}", repr(kind))
-        value = self.kinds[kind](value, f"event {kind}")
         require(time is None or math.isfinite(time), f"event {kind}", "a finite time", time)
-        if kind in ACTOR:
-            self._check(kind, self._actor(actor), name, value)
-        self._post(Event(kind, actor, name, value, time))
+        event = self.checked(Event(kind, actor, name, value, time))
+        inside = self._running == get_ident()  # from a system: part of this tick
+        (self._queue if inside else self._inbox).append(self._numbered(event))
+        self.sent += 1
+
+    def checked(self, event: Event) -> Event:
+        """The event with a value of the right type; VitruvianError when it does not fit, or could not be done."""
+        require(event.kind in self.kinds, "event", f"one of {', '.join(self.kinds)}", repr(event.kind))
+        value = self.kinds[event.kind](event.value, f"event {event.kind}")
+        if event.kind in ACTOR:
+            self._check(event.kind, self._actor(event.actor), event.name, value)
+        return replace(event, value=value)
 
     def play(self) -> None:
         self.send("play")
@@ -228,7 +235,7 @@ class Stage:
         """The frames of another stage of the same making, by its journal: equal to the bit."""
         for ticks, events in journal:
             for event in events:
-                self._post(event)
+                self.send(event.kind, event.actor, event.name, event.value, time=event.time)
             yield self.step(ticks)
 
     @property
@@ -250,11 +257,6 @@ class Stage:
                 system.run(self, dt)
         finally:
             self._running = 0
-
-    def _post(self, event: Event) -> None:
-        inside = self._running == get_ident()  # from a system: part of this tick
-        (self._queue if inside else self._inbox).append(self._numbered(event))
-        self.sent += 1
 
     def _numbered(self, event: Event) -> tuple[float, int, Event]:
         return (math.inf if event.time is None else event.time, next(self._numbers), event)
@@ -299,6 +301,8 @@ class Stage:
         asked = self._asked(event)
         if asked is None:
             return False
+        if asked is not event:
+            asked = self.checked(asked)
         if asked.kind == "play":
             clock.play()
         elif asked.kind == "pause":
@@ -363,6 +367,8 @@ def _intercept(stage: Stage, dt: float) -> None:
             apply(stage.actors[event.actor], event)
             continue
         asked = stage._asked(event)
+        if asked is not None and asked is not event:  # a hook's own words
+            asked = stage.checked(asked)
         if asked is not None and asked.kind in ACTOR:
             apply(stage.actors[asked.actor], asked)
     for actor in stage.actors.values():

@@ -155,7 +155,7 @@ class Workshop:
             joints = first.kinematics(rotation, translation)
             for own, (actor, _) in zip(joints, some):
                 actor.fold(own)
-            if not math.isfinite(np.vdot(joints, joints)):
+            if not math.isfinite(joints.sum()):
                 k, j = np.argwhere(~np.isfinite(joints).all(axis=(2, 3)))[0]
                 name = some[int(k)][0].name
                 require(False, f"pose of {name}", "finite matrices", f"{first.skeleton.names[int(j)]} without")
