@@ -119,7 +119,7 @@ class Actor:
         self._curves = self._weight_curves()
         self._sampled = -1.0
         self._mixed: tuple[Any, ...] = ((None,), self.rotation, self.weights)
-        self._folds: dict[tuple[int, frozenset[str]], tuple[Ints, Ints]] = {}
+        self._folds: dict[frozenset[str], tuple[Ints, Ints]] = {}
 
     @property
     def morphs(self) -> tuple[Any, ...]:
@@ -220,12 +220,10 @@ class Actor:
 
     def fold(self, joints: Floats) -> None:
         """Let joints (J,4,4) of extremities that are off follow what they hang on."""
-        if self.still:
-            key = (id(self.skeleton), self.still)
-            if key not in self._folds:
-                self._folds[key] = stilled(self.skeleton, self.still)
-            which, follow = self._folds[key]
-            joints[which] = joints[follow]
+        if self.still not in self._folds:
+            self._folds[self.still] = stilled(self.skeleton, self.still)
+        which, follow = self._folds[self.still]
+        joints[which] = joints[follow]
 
 
 def between(a: Floats, b: Floats, part: float) -> Floats:

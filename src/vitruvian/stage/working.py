@@ -42,6 +42,9 @@ class Draft:
     of: Floats | None = None  # the matrices that `vertices` belong to
 
 
+Group = list[tuple[Actor, Draft]]
+
+
 @cache
 def known_options() -> frozenset[str]:
     """Names of options that an actor's deformer may have: those of `deformer` but the ones that the stage decides."""
@@ -139,30 +142,24 @@ class Workshop:
         """Joint matrices of all actors whose pose changed; equal poses of one skeleton are computed once."""
         for group in self._groups(actors, lambda actor, draft: id(actor.skeleton)):
             first = group[0][0]
-            keys: dict[Any, list[tuple[Actor, Draft]]] = {}
-            if len(group) == 1:
-                keys[None] = group
+            alike = _alike(group, lambda a, d: (d.made_of[0].tobytes(), d.made_of[1].tobytes(), a.still))
+            if len(alike) == 1:
+                rotation, translation = group[0][1].made_of[:2]
+                joints = first.kinematics(rotation[None], translation[None])
             else:
-                for actor, draft in group:
-                    rotation, translation = draft.made_of[:2]
-                    key = (rotation.tobytes(), translation.tobytes(), actor.still)
-                    keys.setdefault(key, []).append((actor, draft))
-            some = [twins[0] for twins in keys.values()]
-            if len(some) == 1:
-                rotation, translation = (a[None] for a in some[0][1].made_of[:2])
-            else:
-                rotation, translation = (np.stack([d.made_of[k] for _, d in some]) for k in (0, 1))
-            joints = first.kinematics(rotation, translation)
-            for own, (actor, _) in zip(joints, some):
-                actor.fold(own)
+                rotation, translation = (np.stack([twins[0][1].made_of[k] for twins in alike]) for k in (0, 1))
+                joints = first.kinematics(rotation, translation)
+            for own, twins in zip(joints, alike):
+                if twins[0][0].still:
+                    twins[0][0].fold(own)
             if not math.isfinite(joints.sum()):
                 k, j = np.argwhere(~np.isfinite(joints).all(axis=(2, 3)))[0]
-                name = some[int(k)][0].name
+                name = alike[int(k)][0][0].name
                 require(False, f"pose of {name}", "finite matrices", f"{first.skeleton.names[int(j)]} without")
             binding = first.skeleton.binding
             matrices = joints if binding is None else joints @ binding
             joints.flags.writeable = matrices.flags.writeable = False
-            for k, twins in enumerate(keys.values()):
+            for k, twins in enumerate(alike):
                 own, bound = joints[k], matrices[k]
                 for _, draft in twins:
                     draft.joints, draft.matrices = own, bound
@@ -178,13 +175,10 @@ class Workshop:
             run = group[0][1].run
             if run is None:
                 continue
-            keys: dict[Any, list[tuple[Actor, Draft]]] = {}
-            for actor, draft in group:
-                key = (id(draft.matrices), draft.made_of[2].tobytes() if len(group) > 1 else b"")
-                keys.setdefault(key, []).append((actor, draft))
-            some = [twins[0] for twins in keys.values()]
-            if any(len(draft.matrices) == 0 for _, draft in some):
+            if any(len(draft.matrices) == 0 for _, draft in group):
                 raise VitruvianError("deform: expected joint matrices, found none; it comes after kinematics")
+            alike = _alike(group, lambda _, draft: (id(draft.matrices), draft.made_of[2].tobytes()))
+            some = [twins[0] for twins in alike]
             if len(some) == 1:
                 matrices = some[0][1].matrices[None]
             else:
@@ -192,16 +186,14 @@ class Workshop:
             vertices = _deformed(run, matrices, some)
             self.computed += len(some)
             vertices.flags.writeable = False
-            for own, twins in zip(vertices, keys.values()):
+            for own, twins in zip(vertices, alike):
                 for _, draft in twins:
                     draft.vertices = draft.deformed = own
                     draft.of = draft.matrices
 
-    def _groups(
-        self, actors: Iterable[Actor], by: Callable[[Actor, Draft], object]
-    ) -> Iterable[list[tuple[Actor, Draft]]]:
+    def _groups(self, actors: Iterable[Actor], by: Callable[[Actor, Draft], object]) -> Iterable[Group]:
         """Actors with joints whose pose changed, those together that can be computed together."""
-        groups: dict[object, list[tuple[Actor, Draft]]] = {}
+        groups: dict[object, Group] = {}
         for actor in actors:
             draft = self.drafts[actor.name]
             if draft.changed and actor.body is not None:
@@ -243,7 +235,17 @@ class Workshop:
         self._computed.update(self.drafts)
 
 
-def _deformed(run: Deformer, matrices: Floats, some: list[tuple[Actor, Draft]]) -> Single:
+def _alike(group: Group, key: Callable[[Actor, Draft], object]) -> list[Group]:
+    """The actors of a group, those with equal keys together."""
+    if len(group) == 1:
+        return [group]
+    found: dict[object, Group] = {}
+    for actor, draft in group:
+        found.setdefault(key(actor, draft), []).append((actor, draft))
+    return list(found.values())
+
+
+def _deformed(run: Deformer, matrices: Floats, some: Group) -> Single:
     """(A,V,3) points of actors with this deformer, for their matrices (A,J,4,4) and displacers' weights."""
     given = [draft.made_of[2] for _, draft in some]
     file = some[0][0].file
