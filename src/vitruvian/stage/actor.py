@@ -37,7 +37,8 @@ class Posed:
     matrices in humanoid space without, matrices (J,4,4) with the file's binding, as deformers take them. vertices (V,3)
     float32 in humanoid space, of `body`; None when they are left to who shows the frame. source (V,): which vertices of
     the full body these are, None for all. placement (4,4): humanoid space to the stage, rounds of a walk included.
-    turns (joint -> quaternion), shaped (displacer -> weight): what was set on top of the motion.
+    turns (joint -> quaternion), shaped (displacer -> weight): what was set on top of the motion. path (K,J,4,4): matrices
+    of poses that lead to this one, when joints are wound past half a turn: deformers need them before `matrices`.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Posed:
     turns: Mapping[int, Floats]
     shaped: Mapping[int, float]
     run: Deformer | None = field(default=None, repr=False)
+    path: Floats | None = field(default=None, repr=False)
 
     @cached_property
     def normals(self) -> Single | None:

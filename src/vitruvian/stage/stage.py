@@ -98,6 +98,7 @@ class Stage:
         self.journal: list[tuple[int, tuple[Event, ...]]] | None = [] if journal else None
         self.sent = 0  # events so far
         self.happened: list[Event] = []  # in this tick
+        self.leapt = False  # whether this tick shows another time than the one that follows
         self.workshop = Workshop(frozenset(leave))
         self.systems = [
             System("animate", _animate),
@@ -249,8 +250,8 @@ class Stage:
         self.happened = []
         try:
             leaps = [self._transport(event) for event in self._take(TRANSPORT)]
-            dt = 0.0
-            if any(leaps):
+            dt, self.leapt = 0.0, any(leaps)
+            if self.leapt:
                 self.clock.tick += ticks  # it shows the moment that it leapt to
             else:
                 dt = self.clock.move(ticks)

@@ -19,6 +19,7 @@ from vitruvian.body.types import Floats, require
 from vitruvian.errors import VitruvianError
 from vitruvian.stage.actor import Actor, Posed, Single
 from vitruvian.stage.events import HOLD, Event
+from vitruvian.stage.winding import way, wound
 
 if TYPE_CHECKING:
     from vitruvian.deform.deformer import Deformer
@@ -40,6 +41,8 @@ class Draft:
     vertices: Single | None = None
     deformed: Single | None = None  # the vertices as "deform" made them
     of: Floats | None = None  # the matrices that `vertices` belong to
+    wound: Floats = field(default_factory=lambda: NONE)  # rotations with signs that say how far joints are wound
+    path: Floats | None = None
 
 
 Group = list[tuple[Actor, Draft]]
@@ -72,12 +75,12 @@ class Workshop:
 
     def bound(
         self, actor: Actor, *, deformer: str | None = None, options: Mapping[str, Any] | None = None,
-        level: int | None = None,
+        level: int | None = None, follow: bool = False,
     ) -> Deformer | None:  # fmt: skip
         """The deformer of an actor as it is, or would be; None when it is left to who shows the frames.
 
-        Deformers of one body are shared by all that ask for the same. They see one frame of several actors at a time,
-        so they never follow from one to the next.
+        Deformers of one body are shared by all that ask for the same. Mostly they see one frame of several actors at a
+        time, and then must not follow from one to the next.
         """
         name = actor.deformer if deformer is None else deformer
         given = actor.options if options is None else options
@@ -86,13 +89,13 @@ class Workshop:
         body = actor.levels[actor.level if level is None else level].body
         if "fingers" in actor.still:  # hands are rigid pieces then
             name, given = ("log" if name == "hand" else name), {k: v for k, v in given.items() if k != "hands"}
-        key = (id(body), name, _frozen(given))
+        key = (id(body), name, _frozen(given), follow)
         if key not in self._bound:
             from vitruvian.deform.deformer import deformer as bind
 
             unknown = sorted(set(given) - known_options())
             require(not unknown, f"deformer {name}", f"options out of {', '.join(sorted(known_options()))}", unknown)
-            self._bound[key] = (bind(name, body, follow=False, **given), (body, given))  # what ids stand for, kept
+            self._bound[key] = (bind(name, body, follow=follow, **given), (body, given))  # what ids stand for, kept
         return self._bound[key][0]
 
     def ask_again(self) -> None:
@@ -110,7 +113,8 @@ class Workshop:
         made_of = (rotation, translation, weights, actor.deformer, actor.options, actor.level, actor.still)
         before = self._computed.get(actor.name)
         if before is None or not all(map(operator.is_, made_of, before.made_of)):
-            self.drafts[actor.name] = Draft(made_of, True, self.run(actor))
+            draft = self.drafts[actor.name] = Draft(made_of, True, self.run(actor))
+            draft.wound = wound(rotation, None if before is None or stage.leapt else before.wound)
         else:
             self.drafts[actor.name] = replace(before, changed=False, vertices=before.deformed)
 
@@ -142,7 +146,7 @@ class Workshop:
         """Joint matrices of all actors whose pose changed; equal poses of one skeleton are computed once."""
         for group in self._groups(actors, lambda actor, draft: id(actor.skeleton)):
             first = group[0][0]
-            alike = _alike(group, lambda a, d: (d.made_of[0].tobytes(), d.made_of[1].tobytes(), a.still))
+            alike = _alike(group, lambda a, d: (d.wound.tobytes(), d.made_of[1].tobytes(), a.still))
             if len(alike) == 1:
                 rotation, translation = group[0][1].made_of[:2]
                 joints = first.kinematics(rotation[None], translation[None])
@@ -161,8 +165,22 @@ class Workshop:
             joints.flags.writeable = matrices.flags.writeable = False
             for k, twins in enumerate(alike):
                 own, bound = joints[k], matrices[k]
+                path = self._path(*twins[0]) if twins[0][1].run is not None else None
                 for _, draft in twins:
-                    draft.joints, draft.matrices = own, bound
+                    draft.joints, draft.matrices, draft.path = own, bound, path
+
+    @staticmethod
+    def _path(actor: Actor, draft: Draft) -> Floats | None:
+        """(K,J,4,4) matrices of poses that lead to this one, when joints are wound past half a turn."""
+        rotations = way(draft.wound)
+        if rotations is None:
+            return None
+        shift = np.broadcast_to(draft.made_of[1], (len(rotations), *draft.made_of[1].shape))
+        joints = actor.kinematics(rotations, np.ascontiguousarray(shift))
+        for own in joints:
+            if actor.still:
+                actor.fold(own)
+        return joints if actor.skeleton.binding is None else joints @ actor.skeleton.binding
 
     def deform(self, actors: Iterable[Actor]) -> None:
         """Points of all actors whose pose changed; equal poses of one body are deformed once, others together."""
@@ -171,7 +189,7 @@ class Workshop:
             draft = self.drafts[actor.name]
             if actor.mesh is not None and draft.changed:
                 draft.vertices = draft.deformed = np.ascontiguousarray(actor.mesh.vertices, np.float32)
-        for group in self._groups(actors, lambda actor, draft: id(draft.run)):
+        for group in self._groups(actors, lambda actor, draft: id(draft.run) if draft.path is None else actor.name):
             run = group[0][1].run
             if run is None:
                 continue
@@ -179,17 +197,26 @@ class Workshop:
                 raise VitruvianError("deform: expected joint matrices, found none; it comes after kinematics")
             alike = _alike(group, lambda _, draft: (id(draft.matrices), draft.made_of[2].tobytes()))
             some = [twins[0] for twins in alike]
-            if len(some) == 1:
-                matrices = some[0][1].matrices[None]
+            if some[0][1].path is not None:
+                vertices = self._led(*some[0])
+            elif len(some) == 1:
+                vertices = _deformed(run, some[0][1].matrices[None], some)
             else:
-                matrices = np.stack([draft.matrices for _, draft in some])
-            vertices = _deformed(run, matrices, some)
+                vertices = _deformed(run, np.stack([draft.matrices for _, draft in some]), some)
             self.computed += len(some)
             vertices.flags.writeable = False
             for own, twins in zip(vertices, alike):
                 for _, draft in twins:
                     draft.vertices = draft.deformed = own
                     draft.of = draft.matrices
+
+    def _led(self, actor: Actor, draft: Draft) -> Single:
+        """(1,V,3) points of a pose with those that lead to it."""
+        assert draft.path is not None
+        run = self.bound(actor, follow=True)
+        assert run is not None
+        rows = np.concatenate([draft.path, draft.matrices[None]])
+        return np.ascontiguousarray(_deformed(run, rows, [(actor, draft)] * len(rows))[-1:])
 
     def _groups(self, actors: Iterable[Actor], by: Callable[[Actor, Draft], object]) -> Iterable[Group]:
         """Actors with joints whose pose changed, those together that can be computed together."""
@@ -227,7 +254,7 @@ class Workshop:
         return Posed(
             actor.name, None if level is None else level.body, rotation, translation, weights, draft.joints,
             draft.matrices, draft.vertices, None if level is None else level.source, placement, actor.round,
-            actor.deformer, actor.turns, actor.shaped, run,
+            actor.deformer, actor.turns, actor.shaped, run, draft.path,
         )  # fmt: skip
 
     def commit(self) -> None:
