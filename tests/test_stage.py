@@ -560,10 +560,20 @@ def test_several_actors_share_a_computation_and_are_moved_alone():
 def test_meshes_and_actors_that_are_left_to_the_page():
     box = vt.Mesh(np.eye(3), [[0, 1, 2]], name="box")
     body = capsule_body(vertices=300)
-    stage = vt.Stage([box, body], leave=("log",))
+    stage = vt.Stage([box, body, body], leave=("log",))
+    stage.send("turn", "capsules 2", "l_knee", about("x", np.array([1.0]))[0])
     frame = stage.step()
+    assert frame["capsules"].matrices is not frame["capsules 2"].matrices
+    np.testing.assert_array_equal(frame["capsules"].matrices, joint_matrices(body.skeleton)[0])
+    stage.send("deformer", "capsules 2", "linear")
+    posed = stage.step()["capsules 2"]
+    np.testing.assert_array_equal(posed.vertices, deformer("linear", body)(posed.matrices))
+    assert stage.workshop.computed == 1
+    stage.send("deformer", "capsules 2", "log")
+    frame = stage.step()
+    assert frame["capsules 2"].vertices is None
     np.testing.assert_array_equal(frame["box"].points, np.eye(3))
-    assert frame["capsules"].vertices is None and stage.workshop.computed == 0
+    assert frame["capsules"].vertices is None and stage.workshop.computed == 1
     with pytest.raises(VitruvianError, match="points of capsules"):
         _ = frame["capsules"].points
     with pytest.raises(VitruvianError, match="box has no joints"):

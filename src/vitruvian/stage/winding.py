@@ -12,6 +12,7 @@ from vitruvian.body.rotations import from_vector
 from vitruvian.body.types import Floats
 
 NEAR = np.cos(np.pi / 8)  # as deformers: turns of less than 45 degrees are steps of one movement
+CLEAR = 0.3  # two rotations with a greater w are never NEAR with opposite signs
 START = np.radians(170.0)  # here all deformers agree about the way
 STEP = np.radians(40.0)
 
@@ -21,6 +22,8 @@ def wound(rotation: Floats, before: Floats | None) -> Floats:
 
     `before`: the same a moment ago, None when there is none; joints that leap are not wound.
     """
+    if rotation[:, 3].min() > CLEAR and (before is None or before[:, 3].min() > CLEAR):
+        return rotation  # as nearly always: nothing is near half a turn
     flip = rotation[:, 3] < 0
     if before is not None:
         dot = np.einsum("ji,ji->j", before, rotation)
@@ -30,9 +33,9 @@ def wound(rotation: Floats, before: Floats | None) -> Floats:
 
 def way(turns: Floats) -> Floats | None:
     """(K,J,4) rotations that lead to `wound` ones (J,4), without these; None when no joint is past half a turn."""
-    past = np.flatnonzero(turns[:, 3] < 0)
-    if not len(past):
+    if turns[:, 3].min() >= 0:
         return None
+    past = np.flatnonzero(turns[:, 3] < 0)
     axis, length = turns[past, :3], np.linalg.norm(turns[past, :3], axis=1)
     angle = 2 * np.arctan2(length, turns[past, 3])
     unit = axis / np.maximum(length, 1e-12)[:, None]

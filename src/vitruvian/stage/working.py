@@ -114,7 +114,9 @@ class Workshop:
         before = self._computed.get(actor.name)
         if before is None or not all(map(operator.is_, made_of, before.made_of)):
             draft = self.drafts[actor.name] = Draft(made_of, True, self.run(actor))
-            draft.wound = wound(rotation, None if before is None or stage.leapt else before.wound)
+            if draft.run is not None:
+                known = before is not None and not stage.leapt and len(before.wound) > 0
+                draft.wound = wound(rotation, before.wound if before is not None and known else None)
         else:
             self.drafts[actor.name] = replace(before, changed=False, vertices=before.deformed)
 
@@ -146,7 +148,7 @@ class Workshop:
         """Joint matrices of all actors whose pose changed; equal poses of one skeleton are computed once."""
         for group in self._groups(actors, lambda actor, draft: id(actor.skeleton)):
             first = group[0][0]
-            alike = _alike(group, lambda a, d: (d.wound.tobytes(), d.made_of[1].tobytes(), a.still))
+            alike = _alike(group, lambda a, d: (*(x.tobytes() for x in (*d.made_of[:2], d.wound)), a.still))
             if len(alike) == 1:
                 rotation, translation = group[0][1].made_of[:2]
                 joints = first.kinematics(rotation[None], translation[None])
