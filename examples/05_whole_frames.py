@@ -21,7 +21,7 @@ from vitruvian.stage.events import Event
 
 def main(out: Path = Path("out/examples")) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    humanoid = vt.contours(vt.person(outfit="body suit"), density=0.7)
+    humanoid = vt.contours(vt.person())
     body = vt.pack(humanoid)
     motion = vt.walk(body.skeleton, speed=1.6)
     motion = replace(motion, translation=motion.translation * [1, 1, 0])  # on the spot
