@@ -1,4 +1,4 @@
-"""The page, the demo's start and the command line's start, as a user meets them."""
+"""What a Stage costs, the page, the demo's start and the command line's start, as a user meets them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 SLOW_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
@@ -79,6 +81,88 @@ def page(seconds: float) -> dict:
     }
 
 
+def runtime(seconds: float) -> list[dict]:
+    """A tick of a Stage beside the same pose and deformer called directly, taking turns; then many actors beside few."""
+    import numpy as np
+    from skin import figure
+
+    from vitruvian.body.kinematics import pose_matrices
+    from vitruvian.body.rotations import from_vector
+    from vitruvian.body.types import Body, Morph
+    from vitruvian.deform.deformer import deformer
+    from vitruvian.motion.types import Motion
+    from vitruvian.stage.actor import Actor
+    from vitruvian.stage.stage import Stage
+
+    frames, rng = 50, np.random.default_rng(1)
+    plain = figure(13_000, joints=146)
+    spots = np.arange(0, 13_000, 25, dtype=np.int32)
+    faces = tuple(Morph(f"m{k}", spots, rng.normal(size=(len(spots), 3)), 3 * (k % 2)) for k in range(52))
+    whole = replace(plain, skin=replace(plain.skin, morphs=faces))  # joints and displacers as the built-in person has
+
+    def motion(body: Body) -> Motion:
+        turns = from_vector(rng.normal(scale=0.25, size=(frames, len(body.skeleton), 3)))
+        return Motion(body.skeleton, 60.0, turns, rng.normal(scale=0.02, size=(frames, 3)), loop=True)
+
+    def stage_of(body: Body, actors: int) -> Stage:
+        return Stage([Actor(f"a{k}", body, motion=motion(body), options={"threads": 1}) for k in range(actors)])
+
+    def beside(body: Body, normals: bool) -> tuple[float, float, float]:
+        stage, run = stage_of(body, 1), deformer("log", body, follow=False, threads=1)
+        own, shift, at = stage.actors["a0"].motion, body.skeleton.translation[None], 0
+        assert own is not None
+
+        def direct() -> object:
+            nonlocal at
+            at = (at + 1) % frames
+            some = slice(at, at + 1)
+            points = run(pose_matrices(body.skeleton, own.rotation[some], shift, root=own.translation[some])[0])
+            return run.normals(points) if normals else points
+
+        def staged() -> object:
+            posed = stage.step()["a0"]
+            return posed.normals if normals else posed.vertices
+
+        return _pairs(direct, staged, seconds)
+
+    rows = []
+    for title, normals in (("", False), (", with normals", True)):
+        a, b, more = beside(whole, normals)
+        rows.append({
+            "name": f"Stage, full body of 13k vertices{title}, log", "ours_s": b, "peer": "pose, deformer directly",
+            "peer_s": a, "ratio": 1 + more / a, "goal": "<= 1.05", "holds": more <= 0.05 * a,
+        })  # fmt: skip
+    a, b, more = beside(plain, False)
+    rows.append({
+        "name": f"Stage adds {more * 1e6:.0f} us to 13k vertices without displacers", "ours_s": b,
+        "peer": "pose, deformer directly", "peer_s": a, "ratio": more * 1e6, "goal": "<= 50", "holds": more <= 50e-6,
+    })  # fmt: skip
+    a, b, _ = _pairs(stage_of(plain, 4).step, stage_of(plain, 16).step, seconds)
+    rows.append({
+        "name": "Stage, 16 actors of 13k vertices, each", "ours_s": b / 16, "peer": "4 actors, each", "peer_s": a / 4,
+        "ratio": (b / 16) / (a / 4), "goal": "<= 1.2", "holds": b / 16 <= 1.2 * a / 4,
+    })  # fmt: skip
+    return rows
+
+
+def _pairs(one: Callable[[], object], two: Callable[[], object], seconds: float) -> tuple[float, float, float]:
+    """Medians of two tasks that take turns, and the median of how much longer the second took each time.
+
+    Processor time: both run in one thread, and what else the machine does is not theirs.
+    """
+    one(), two()
+    taken = []
+    stop = time.perf_counter() + seconds
+    while time.perf_counter() < stop or len(taken) < 20:
+        start = time.thread_time()
+        one()
+        middle = time.thread_time()
+        two()
+        taken.append((middle - start, time.thread_time() - middle))
+    a, b = ([t[k] for t in taken] for k in (0, 1))
+    return statistics.median(a), statistics.median(b), statistics.median(t[1] - t[0] for t in taken)
+
+
 def demo() -> dict:
     """`vitruvian demo` once, from start to exit."""
     with tempfile.TemporaryDirectory() as folder:
@@ -98,4 +182,4 @@ def demo() -> dict:
 
 
 def rows(quick: bool = False) -> list[dict]:
-    return [start(5 if quick else 15), page(5 if quick else 15), demo()]
+    return [*runtime(1 if quick else 4), start(5 if quick else 15), page(5 if quick else 15), demo()]

@@ -14,7 +14,7 @@ from capsules import capsule_body, capsule_clip, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
-from vitruvian.show.actors import actors_of, mesh_message, sample, turned
+from vitruvian.show.actors import actors_of, mesh_message
 from vitruvian.show.explore import MAX_CAMERAS, group, levels
 from vitruvian.show.wire import REQUESTS, Block, decode, encode, parse_request, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
@@ -126,45 +126,12 @@ def test_any_value_in_any_field_is_taken_or_refused(value):
                 pass
 
 
-def test_poses_of_a_clip_are_its_joint_matrices_and_sampling_between_frames_is_in_proportion():
+def test_poses_of_a_clip_are_its_joint_matrices():
     clip = capsule_clip()
     (actor,) = actors_of([clip])
     matrices = joint_matrices(clip.body.skeleton, clip.motion)
     np.testing.assert_allclose(actor.poses.reshape(36, -1, 3, 4), matrices[:, :, :3], atol=1e-6)
-    pose, _ = sample(actor, 4 / 30)
-    np.testing.assert_array_equal(pose, actor.poses[4])
-    pose, _ = sample(actor, 4.25 / 30)
-    np.testing.assert_allclose(pose, 0.75 * actor.poses[4] + 0.25 * actor.poses[5], atol=1e-5)
     np.testing.assert_allclose(actor.travel, [0, 0, 1.3], atol=0.02)
-    pose, _ = sample(actor, 35.5 / 30)  # between the last frame and the first of the next round
-    first = actor.poses[0].copy()
-    first[:, 3::4] += actor.travel.astype(np.float32)
-    np.testing.assert_allclose(pose, (actor.poses[35] + first) / 2, atol=1e-5)
-
-
-def test_extra_turns_are_what_forward_kinematics_gives_for_the_product_of_rotations():
-    clip = capsule_clip()
-    (actor,) = actors_of([clip])
-    motion, skeleton = clip.motion, clip.body.skeleton
-    angle = np.radians(40)
-    extra = np.array([0, np.sin(angle / 2), 0, np.cos(angle / 2)])
-    joint = skeleton.index["l_shoulder"]
-    rotation = motion.rotation.copy()
-    x1, y1, z1, w1 = extra
-    x2, y2, z2, w2 = np.moveaxis(rotation[:, joint], -1, 0)
-    rotation[:, joint] = np.stack(
-        [
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-        ],
-        axis=-1,
-    )
-    wanted = joint_matrices(
-        skeleton, type(motion)(skeleton, motion.fps, rotation, motion.translation)
-    )[7, :, :3].reshape(-1, 12)  # fmt: skip
-    np.testing.assert_allclose(turned(actor, actor.poses[7], {joint: extra}), wanted, atol=2e-6)
 
 
 def test_the_mesh_message_holds_all_influences_and_names():

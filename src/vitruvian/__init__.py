@@ -37,6 +37,7 @@ _WHERE = {
     "weld": "hanim.welding",
     "Mesh": "stage.clip",
     "Clip": "stage.clip",
+    "Stage": "stage.stage",
     "show": "show.live",
     "VitruvianError": "errors",
     "FileError": "errors",
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from vitruvian.show.live import show as show
     from vitruvian.stage.clip import Clip as Clip
     from vitruvian.stage.clip import Mesh as Mesh
+    from vitruvian.stage.stage import Stage as Stage
 
 
 def __getattr__(name: str) -> object:

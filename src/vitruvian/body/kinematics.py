@@ -7,6 +7,7 @@ Source: ISO/IEC 19774-1, Joint; ISO/IEC 19775-1, Transform.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,6 +72,25 @@ def pose_matrices(
         skeleton.parents, skeleton.centers, rotation, translation, root, stretch, skeleton.binding, out, threads
     )
     return out
+
+
+def bound_kinematics(skeleton: Skeleton) -> Callable[[Floats, Floats], Floats]:
+    """`pose_matrices` for many calls on one skeleton, of rotation (F,J,4) and translation (F,J,3).
+
+    What does not change is worked out once, and input is trusted: float64, C-contiguous, of these shapes.
+    """
+    native, stretch = kernels(), _stretch(skeleton)
+
+    def matrices(rotation: Floats, translation: Floats) -> Floats:
+        out = np.empty((*rotation.shape[:2], 4, 4))
+        if native is None:
+            return _numpy(skeleton, rotation, translation, None, stretch, out)
+        native.forward_kinematics(
+            skeleton.parents, skeleton.centers, rotation, translation, None, stretch, skeleton.binding, out, 0
+        )
+        return out
+
+    return matrices
 
 
 def transform_matrix(

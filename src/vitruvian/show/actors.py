@@ -1,7 +1,7 @@
 """What is on stage, as the messages that the page understands: a `mesh` message once, pose blocks per frame.
 
 The page gets poses, not vertices: it deforms by itself with the deformers it knows. For the others (`SERVED`) vertices
-are computed here and sent quantised.
+are computed on the stage and sent quantised.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
 from vitruvian.show.openness import openness, owners, reaches
-from vitruvian.show.wire import Block, encode, quantise, quantise_normals
+from vitruvian.show.wire import Block, encode
+from vitruvian.stage.actor import travel
 from vitruvian.stage.clip import Clip, Mesh
+from vitruvian.stage.stage import Stage
 
 PAGE = ("linear", "dual-quaternion", "log")  # deform.js
 SERVED = ("volume", "hand", "contours", "hybrid", "log-pair", "log-absolute")  # computed here, sent as vertices
@@ -53,6 +55,7 @@ class Actor:
     deformer: str = "log"
     travel: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
+    motion: Motion | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -80,6 +83,18 @@ def actors_of(things: Sequence[object]) -> list[Actor]:
     if not actors:
         raise VitruvianError("show: expected at least one Clip, Humanoid, Body or Mesh, found nothing")
     return actors
+
+
+def actors_on(stage: Stage) -> list[Actor]:
+    """The actors of a stage, as pages see them."""
+    out = []
+    for a in stage.actors.values():
+        if a.body is None:
+            assert a.mesh is not None
+            out.append(replace(_actor(a.mesh), name=a.name))
+        else:
+            out.append(replace(_moving(a.body, a.motion, a.deformer, a.humanoid), name=a.name))
+    return out
 
 
 def _actor(thing: object) -> Actor:
@@ -111,38 +126,8 @@ def _moving(body: Body, motion: Motion | None, deformer: str, humanoid: Humanoid
         if motion is not None and morph.name in motion.weights:
             weights[:, i] = motion.weights[morph.name]
     fps = motion.fps if motion is not None else 30.0
-    travel = _travel(motion) if motion is not None and motion.loop else np.zeros(3)
-    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, travel, humanoid)
-
-
-def _travel(motion: Motion) -> NDArray[np.float64]:
-    """Displacement (3,) on the floor of one round: from the first frame to the one that would follow the last."""
-    t = motion.translation
-    if len(t) < 3:
-        return np.zeros(3)
-    step = (t[-1] - t[-2] + t[1] - t[0]) / 2
-    travel = (t[-1] + step - t[0]) * [1.0, 0.0, 1.0]
-    return travel if np.linalg.norm(travel) > 0.05 else np.zeros(3)
-
-
-def sample(actor: Actor, seconds: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Pose (J,12) and displacer weights (D,) at a time; between frames in proportion, after the end the last frame.
-
-    A loop that travels leads from its last frame on to the first one of the next round.
-    """
-    n = len(actor)
-    at = min(max(seconds * actor.fps, 0.0), n if actor.travel.any() else n - 1)
-    i = min(int(at + 1e-6), n - 1)
-    part = np.float32(at - i)
-    if part < 1e-5 or n == 1:
-        return actor.poses[i], actor.weights[i]
-    j = (i + 1) % n
-    following = actor.poses[j]
-    if j == 0:
-        following = following.copy()
-        following[:, 3::4] += actor.travel.astype(np.float32)
-    pose = actor.poses[i] + part * (following - actor.poses[i])
-    return pose, actor.weights[i] + part * (actor.weights[j] - actor.weights[i])
+    way = travel(motion) if motion is not None and motion.loop else np.zeros(3)
+    return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, way, humanoid, motion)
 
 
 def mesh_message(actor: Actor) -> bytes:
@@ -243,72 +228,3 @@ def pose_blocks(actor: Actor, pose: NDArray[np.float32], weights: NDArray[np.flo
         raise VitruvianError(f"pose of {actor.name}: expected finite matrices, found {joint} without")
     blocks = [Block("pose", pose, actor.name)]
     return [*blocks, Block("displacers", weights, actor.name)] if weights.size else blocks
-
-
-class Vertices:
-    """Positions and normals of an actor by one of the deformers that the page does not have. Kept between frames."""
-
-    def __init__(self, actor: Actor, name: str):
-        from vitruvian.deform.deformer import deformer
-
-        assert actor.body is not None
-        self.actor, self.binding = actor, actor.body.skeleton.binding
-        self.run = deformer(name, actor.body)
-
-    def blocks(self, pose: NDArray[np.float32], weights: NDArray[np.float32]) -> list[Block]:
-        matrices = np.zeros((1, len(pose), 4, 4))
-        matrices[0, :, :3] = pose.reshape(-1, 3, 4)
-        matrices[0, :, 3, 3] = 1
-        if self.binding is not None:
-            matrices = matrices @ self.binding
-        assert self.actor.body is not None
-        names = [m.name for m in self.actor.body.skin.morphs]
-        morphs = {name: np.array([w]) for name, w in zip(names, weights)} or None
-        points = self.run(matrices, morphs)
-        points = points[0] if points.ndim == 3 else points
-        normals = np.asarray(self.run.normals(points)).reshape(-1, 3)
-        q, scale, origin = quantise(points)
-        name = self.actor.name
-        return [Block("vertices", q, name, scale, origin), Block("normals", quantise_normals(normals), name)]
-
-
-def turned(actor: Actor, pose: NDArray[np.float32], turns: dict[int, NDArray[np.float64]]) -> NDArray[np.float32]:
-    """The pose with extra rotations (joint -> unit quaternion xyzw), each in its parent's frame, about its centre.
-
-    The same as pose.js: `M'_j = D_j M_j`, `D_j = D_parent rot(x_j)`, where rot(x_j) turns about the posed centre.
-    """
-    if not turns or actor.body is None:
-        return pose
-    skeleton = actor.body.skeleton
-    moved = pose.reshape(-1, 3, 4).astype(np.float64)
-    out = moved.copy()
-    change: dict[int, NDArray[np.float64]] = {}
-    for j, parent in enumerate(skeleton.parents.tolist()):
-        d = change.get(parent)
-        if j in turns:
-            rotation = _matrix(turns[j])
-            if parent >= 0:
-                u, _, vt = np.linalg.svd(moved[parent, :, :3])
-                frame = u @ vt
-                rotation = frame @ rotation @ frame.T
-            x = moved[j, :, :3] @ skeleton.centers[j] + moved[j, :, 3]
-            own = np.eye(4)
-            own[:3, :3] = rotation
-            own[:3, 3] = x - rotation @ x
-            d = own if d is None else d @ own
-        if d is not None:
-            change[j] = d
-            out[j] = d[:3, :3] @ moved[j]
-            out[j, :, 3] += d[:3, 3]
-    return out.reshape(-1, 12).astype(np.float32)
-
-
-def _matrix(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, z, w = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

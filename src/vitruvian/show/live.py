@@ -11,7 +11,8 @@ from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import actors_of
+from vitruvian.show.actors import actors_of, actors_on
+from vitruvian.stage.stage import Stage
 
 if TYPE_CHECKING:
     from vitruvian.show.server import Server
@@ -46,15 +47,18 @@ def show(
     title: str = "",
     port: int = 0,
 ) -> Window | None:
-    """Show Clips, Humanoids, Bodies and Meshes in the browser.
+    """Show Clips, Humanoids, Bodies and Meshes in the browser, or a Stage of them.
 
-    `findings` (dataclasses or mappings with `rule severity where line message fix`, as the H-Anim doctor gives them)
-    fill the page's list. Prints the address. With `block` it returns after an interrupt (Ctrl-C), else at once with a
-    `Window`. The server listens on the loopback interface only; `port` 0 takes a free one. Raises `VitruvianError`.
+    A Stage goes on living: what is sent to it while the page is open is seen there. `findings` (dataclasses or mappings
+    with `rule severity where line message fix`, as the H-Anim doctor gives them) fill the page's list. Prints the
+    address. With `block` it returns after an interrupt (Ctrl-C), else at once with a `Window`. The server listens on the
+    loopback interface only; `port` 0 takes a free one. Raises `VitruvianError`.
     """
     from vitruvian.show.server import Server, Showing
 
-    server = Server(Showing(actors_of(things), [finding_fields(f) for f in findings], title), port)
+    stage = things[0] if len(things) == 1 and isinstance(things[0], Stage) else None
+    actors = actors_of(things) if stage is None else actors_on(stage)
+    server = Server(Showing(actors, [finding_fields(f) for f in findings], title, stage), port)
     if block:
         print(f"showing at {server.url}  (Ctrl-C ends it)", flush=True)
         if open_browser:

@@ -14,10 +14,11 @@ from html import escape
 from pathlib import Path
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, actors_of, pose_blocks
+from vitruvian.show.actors import PAGE, SERVED, actors_of
 from vitruvian.show.live import finding_fields
-from vitruvian.show.server import FOLDER, MODULES, Showing
-from vitruvian.show.wire import Block, encode
+from vitruvian.show.server import FOLDER, MODULES
+from vitruvian.show.showing import Showing
+from vitruvian.show.wire import encode
 
 LIMIT = 200e6  # bytes of frames before compression; more is refused
 
@@ -87,15 +88,10 @@ def messages(showing: Showing) -> list[bytes]:
     """Every message of a recording: hello, meshes, then one frame message per frame, each complete in itself."""
     stored = [name for name in showing.deformers.values() if name in SERVED]
     out = [showing.hello([*PAGE, *dict.fromkeys(stored)]), *showing.meshes]
-    size = 0
+    stage, size = showing.stage, 0
     for n in range(showing.frames):
-        blocks: list[Block] = []
-        for actor in showing.actors:
-            i = min(round(n / showing.fps * actor.fps), len(actor) - 1)
-            pose, weights = actor.poses[i], actor.weights[i]
-            blocks += pose_blocks(actor, pose, weights)
-            if showing.deformers.get(actor.name) in SERVED:
-                blocks += showing._served(actor, showing.deformers[actor.name], pose, weights)
+        stage.seek(n / showing.fps)
+        blocks = showing.blocks(stage.step(0))
         fields = {"seq": 0, "tick": n, "t": n / showing.fps, "frame": n, "round": 0}
         out.append(encode("frame", fields | {"deformers": showing.deformers}, blocks))
         size += len(out[-1])

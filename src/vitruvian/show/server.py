@@ -18,17 +18,14 @@ import secrets
 import socket
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, Actor, Vertices, able, mesh_message, pose_blocks, sample, turned
-from vitruvian.show.wire import MAX_REQUEST, VERSION, Block, encode, parse_request
+from vitruvian.show.showing import MAX_FINDINGS as MAX_FINDINGS
+from vitruvian.show.showing import Showing
+from vitruvian.show.wire import MAX_REQUEST, VERSION, encode, parse_request
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
@@ -71,158 +68,8 @@ IN_FLIGHT = 3  # frames sent and not yet acknowledged, per page
 INTERVAL = 1 / 60  # seconds between frames
 RATE = 200  # requests per second and page
 STRIKES = 3  # bad requests until the connection is closed
-MAX_FINDINGS = 1000  # that a page lists; how many there are it always says
 PATIENCE = 5.0  # seconds for the first message
-
-
-class Showing:
-    """What is shown and where its clock stands. All pages of one showing see the same; any of them may drive."""
-
-    def __init__(self, actors: Sequence[Actor], findings: Sequence[Mapping[str, Any]] = (), title: str = ""):
-        self.actors = list(actors)
-        self.by_name = {a.name: a for a in self.actors}
-        self.findings = [dict(f) for f in findings]
-        self.title = title or ", ".join(a.name for a in self.actors)
-        self.fps = max(a.fps for a in self.actors)
-        self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
-        self.meshes = [mesh_message(a) for a in self.actors]
-        self.deformers = {a.name: a.deformer for a in self.actors if a.body is not None}
-        self.turns: dict[str, dict[int, NDArray[np.float64]]] = {a.name: {} for a in self.actors}
-        self.displaced: dict[str, dict[int, float]] = {a.name: {} for a in self.actors}
-        self.vertices: dict[tuple[str, str], Vertices] = {}
-        self.playing, self.loop, self.speed = self.frames > 1, True, 1.0
-        self.change = 0  # counts everything that pages have to be told
-        self._frame, self._since, self._round = 0.0, time.monotonic(), 0
-        self.wake: set[asyncio.Event] = set()
-        self.opened = False
-
-    def begin(self) -> None:
-        """Time starts to run when the first page looks."""
-        if not self.opened:
-            self.opened = True
-            self._set(self._frame)
-
-    def now(self) -> tuple[float, int]:
-        """Frame (a fraction between frames) and completed rounds of the loop."""
-        if not self.playing:
-            return self._frame, self._round
-        at = self._frame + (time.monotonic() - self._since) * self.speed * self.fps
-        if not self.loop:
-            if at >= self.frames - 1:
-                self._set(self.frames - 1)
-                self.playing = False
-                self.change += 1
-            return min(at, self.frames - 1.0), self._round
-        rounds = int(at // self.frames)
-        return at - rounds * self.frames, self._round + rounds
-
-    def _set(self, frame: float, rounds: int | None = None) -> None:
-        self._frame, self._since = min(max(frame, 0.0), self.frames - 1e-6), time.monotonic()
-        self._round = self._round if rounds is None else rounds
-
-    def apply(self, request: Mapping[str, Any]) -> None:
-        """Do what a page asked for; `VitruvianError` for names that do not exist."""
-        kind = request["type"]
-        frame, rounds = self.now()
-        if kind == "play":
-            self._set(0.0 if not self.loop and frame >= self.frames - 1.5 else frame, rounds)
-            self.playing = self.frames > 1
-        elif kind == "pause":
-            self._set(frame, rounds)
-            self.playing = False
-        elif kind == "seek":
-            self._set(min(request["frame"], self.frames - 1.0), rounds)
-        elif kind == "speed":
-            self._set(frame, rounds)
-            self.speed = float(request["value"])
-        elif kind == "step":
-            self.playing = False
-            self._set((round(frame) + request["frames"]) % self.frames, rounds)
-        elif kind == "loop":
-            self._set(frame, rounds)
-            self.loop = request["value"]
-        else:
-            self._edit(kind, request)
-        self.change += 1
-        for event in self.wake:
-            event.set()
-
-    def _edit(self, kind: str, request: Mapping[str, Any]) -> None:
-        actor = self.by_name.get(request["actor"])
-        if actor is None or actor.body is None:
-            raise VitruvianError(f"request {kind}: expected an actor with joints, found {request['actor']!r:.60}")
-        if kind == "clear_pose":
-            self.turns[actor.name].clear()
-            self.displaced[actor.name].clear()
-        elif kind == "deformer":
-            name = request["name"]
-            if name not in PAGE + SERVED:
-                raise VitruvianError(f"request deformer: expected one of {', '.join(PAGE + SERVED)}")
-            if not able(actor.body, name):
-                raise VitruvianError(f"request deformer: {actor.name} has nothing that {name!r} could move")
-            if name in SERVED and (actor.name, name) not in self.vertices:
-                try:
-                    self.vertices[actor.name, name] = Vertices(actor, name)
-                except (ImportError, ValueError) as error:
-                    raise VitruvianError(f"deformer {name} is not available: {error}") from None
-            self.deformers[actor.name] = name
-        else:
-            table = actor.joint_index if kind == "set_rotation" else actor.displacer_index
-            name = request["joint"] if kind == "set_rotation" else request["name"]
-            if name not in table:
-                raise VitruvianError(f"request {kind}: {actor.name} has no {name!r:.60}")
-            if kind == "clear_displacer":
-                self.displaced[actor.name].pop(table[name], None)
-            elif kind == "set_displacer":
-                self.displaced[actor.name][table[name]] = float(request["weight"])
-            else:
-                self.turns[actor.name][table[name]] = np.asarray(request["rotation"], dtype=np.float64)
-
-    def running(self) -> dict[str, Any]:
-        """How time runs, as pages show it."""
-        return {"playing": self.playing, "speed": self.speed, "loop": self.loop}
-
-    def hello(self, deformers: Sequence[str] | None = None) -> bytes:
-        """The first message. `deformers`: those that may be chosen; None: all that one of the bodies can take."""
-        if deformers is None:
-            bodies = [a.body for a in self.actors if a.body is not None]
-            deformers = [*PAGE, *(name for name in SERVED if any(able(b, name) for b in bodies))]
-        return encode(
-            "hello",
-            {
-                "version": VERSION,
-                "title": self.title,
-                "actors": [a.name for a in self.actors],
-                "frames": self.frames,
-                "fps": self.fps,
-                "findings": self.findings[:MAX_FINDINGS],
-                "found": len(self.findings),
-                "deformers": list(deformers),
-            }
-            | self.running(),
-        )
-
-    def frame(self, seq: int) -> bytes:
-        """The message for this moment. Pose and vertices of one moment always travel together."""
-        at, rounds = self.now()
-        blocks: list[Block] = []
-        for actor in self.actors:
-            pose, weights = sample(actor, at / self.fps)
-            blocks += pose_blocks(actor, pose, weights)
-            name = self.deformers.get(actor.name, "")
-            if name in SERVED:
-                blocks += self._served(actor, name, pose, weights)
-        fields = {"seq": seq, "tick": int(at + 1e-6), "t": at / self.fps, "frame": at, "round": rounds}
-        state = self.running() | {"change": self.change, "deformers": self.deformers}
-        return encode("frame", fields | state, blocks)
-
-    def _served(self, actor: Actor, name: str, pose: NDArray, weights: NDArray) -> list[Block]:
-        for i, w in self.displaced[actor.name].items():
-            weights = weights.copy()
-            weights[i] = w
-        if (actor.name, name) not in self.vertices:
-            self.vertices[actor.name, name] = Vertices(actor, name)
-        return self.vertices[actor.name, name].blocks(turned(actor, pose, self.turns[actor.name]), weights)
+PAUSED = 0.1  # seconds between looks at a stage that stands still
 
 
 @cache
@@ -361,20 +208,23 @@ class _Page:
         """Meshes, then the newest frame whenever fewer than `IN_FLIGHT` are unacknowledged: nothing ever queues up."""
         showing = self.showing
         showing.begin()
-        await self.ws.send_bytes(showing.hello())
-        for mesh in showing.meshes:
-            await self.ws.send_bytes(mesh)
-        told, due = -1, 0.0
+        levels: dict[str, int] = {}
+        told, due = (-1, -1), 0.0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             self.event.clear()
-            if self.sent - self.acked < IN_FLIGHT and (showing.playing or told != showing.change):
+            if self.sent - self.acked < IN_FLIGHT and (showing.playing or told != showing.told):
                 self.sent += 1
                 message = showing.frame(self.sent)
-                told, due = showing.change, time.monotonic() + INTERVAL
+                told, due = showing.told, time.monotonic() + INTERVAL
+                if levels != showing.levels:  # at first, and when there are other points: all anew, before the frame
+                    levels = showing.levels
+                    for part in (showing.hello(), *showing.meshes):
+                        await self.ws.send_bytes(part)
                 await self.ws.send_bytes(message)
             elif self.sent - self.acked >= IN_FLIGHT or not showing.playing:
-                await self.event.wait()
+                with contextlib.suppress(TimeoutError):  # a script may have sent something to the stage
+                    await asyncio.wait_for(self.event.wait(), PAUSED)
 
     async def listen(self) -> None:
         while True:

@@ -159,6 +159,7 @@ export class Figure {
     if (!this.isBody) return;
     turned(this.clip, this.shownTurns, this.parents, this.centers, this.pose);
     if (this.served && !this.folded) {
+      this.pose.set((this.served.posed ?? this.served.pose).array); // joints wait for their points
       wire.positions(this.served.vertices, this.positions);
       wire.normals(this.served.normals, this.normals);
       this.coarse = null;

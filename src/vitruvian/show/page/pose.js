@@ -47,7 +47,7 @@ export function toQuaternion(R) {
 
 /**
  * pose (J*12) with extra rotations `turns` (Map joint -> 9), each in its joint's parent frame, about its posed centre:
- * M'_j = D_j M_j, D_j = D_parent rot(x_j). Written into `out`. The same as actors.py.
+ * M'_j = D_j M_j, D_j = D_parent rot(x_j). Written into `out`. The same as `turn` events of a Stage.
  */
 export function turned(pose, turns, parents, centers, out) {
   out.set(pose);

@@ -121,7 +121,7 @@ export class RecordedSource {
     for (const actor in here) {
       const travel = this.travel[actor] ?? [0, 0, 0], travels = travel.some((x) => x);
       const out = (this.mixed[actor] = { ...here[actor] });
-      if (wraps && !travels) continue;
+      if ((wraps && !travels) || here[actor].vertices) continue; // stored points are of their own pose only
       for (const channel of ["pose", "displacers"]) {
         const a = here[actor][channel]?.array, b = next[actor][channel]?.array;
         if (!a) continue;
