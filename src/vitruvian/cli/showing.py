@@ -43,6 +43,9 @@ def _shown(file: str) -> Any:
 def view(
     files: list[str] = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ files."),
     no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
+    compare: bool = typer.Option(
+        False, "--compare", help="Slice the first figure into contours too, so that the page can compare with them."
+    ),
     as_json: bool = Json,
 ) -> None:
     """Show files in the browser, until Ctrl-C. The page lists what the doctor finds in them, open when there are errors."""
@@ -56,7 +59,7 @@ def view(
     things = [_shown(f) for f in files]
     scenes = [f for f in files if registry.kind(f) in registry.SCENES]
     findings = [finding for f in scenes for finding in registry.check(f)]
-    window = show(*things, open_browser=not no_open, block=False, findings=findings)
+    window = show(*things, open_browser=not no_open, block=False, findings=findings, compare=compare)
     assert window is not None
     with window, suppress(KeyboardInterrupt):
         emit({"address": window.url}, f"{window.url}  (Ctrl-C ends it)", as_json)

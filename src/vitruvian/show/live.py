@@ -45,16 +45,17 @@ def show(
     findings: Sequence[object] = (),
     title: str = "",
     port: int = 0,
+    compare: bool = False,
 ) -> Window | None:
     """Show Clips, Humanoids, Bodies and Meshes in the browser.
 
     `findings` (dataclasses or mappings with `rule severity where line message fix`, as the H-Anim doctor gives them)
-    fill the page's list. Prints the address. With `block` it returns after an interrupt (Ctrl-C), else at once with a
+    fill the page's list. `compare`: the page can compare the first figure with itself in contours. Prints the address. With `block` it returns after an interrupt (Ctrl-C), else at once with a
     `Window`. The server listens on the loopback interface only; `port` 0 takes a free one. Raises `VitruvianError`.
     """
     from vitruvian.show.server import Server, Showing
 
-    server = Server(Showing(actors_of(things), [finding_fields(f) for f in findings], title), port)
+    server = Server(Showing(actors_of(things, compare=compare), [finding_fields(f) for f in findings], title), port)
     if block:
         print(f"showing at {server.url}  (Ctrl-C ends it)", flush=True)
         if open_browser:

@@ -14,7 +14,7 @@ from html import escape
 from pathlib import Path
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, actors_of, pose_blocks
+from vitruvian.show.actors import actors_of, pose_blocks
 from vitruvian.show.live import finding_fields
 from vitruvian.show.server import FOLDER, MODULES, Showing
 from vitruvian.show.wire import Block, encode
@@ -46,13 +46,15 @@ LOADER = """
 """
 
 
-def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "") -> dict[str, int]:
+def record(
+    thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "", compare: bool = False
+) -> dict[str, int]:
     """Write one self-contained HTML file that plays a Clip (or Humanoid, Body, Mesh) without server or network.
 
-    Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The deformer of the
-    clip may be any; for those that the page can't run, vertices are stored frame by frame.
+    Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The page runs every
+    deformer that the body is able to by itself, and compares them; with `compare` also with the body in contours.
     """
-    showing = Showing(actors_of([thing]), [finding_fields(f) for f in findings], title)
+    showing = Showing(actors_of([thing], compare=compare), [finding_fields(f) for f in findings], title)
     clip = b"".join(_framed(m) for m in messages(showing))
     code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
     html = (FOLDER / "index.html").read_text("utf-8")
@@ -85,8 +87,7 @@ def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), 
 
 def messages(showing: Showing) -> list[bytes]:
     """Every message of a recording: hello, meshes, then one frame message per frame, each complete in itself."""
-    stored = [name for name in showing.deformers.values() if name in SERVED]
-    out = [showing.hello([*PAGE, *dict.fromkeys(stored)]), *showing.meshes]
+    out = [showing.hello(), *showing.meshes]
     size = 0
     for n in range(showing.frames):
         blocks: list[Block] = []
@@ -94,8 +95,6 @@ def messages(showing: Showing) -> list[bytes]:
             i = min(round(n / showing.fps * actor.fps), len(actor) - 1)
             pose, weights = actor.poses[i], actor.weights[i]
             blocks += pose_blocks(actor, pose, weights)
-            if showing.deformers.get(actor.name) in SERVED:
-                blocks += showing._served(actor, showing.deformers[actor.name], pose, weights)
         fields = {"seq": 0, "tick": n, "t": n / showing.fps, "frame": n, "round": 0}
         out.append(encode("frame", fields | {"deformers": showing.deformers}, blocks))
         size += len(out[-1])

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, Actor, Vertices, able, mesh_message, pose_blocks, sample, turned
+from vitruvian.show.actors import PAGE, SERVED, Actor, Vertices, able, mesh_messages, pose_blocks, sample, turned
 from vitruvian.show.wire import MAX_REQUEST, VERSION, Block, encode, parse_request
 
 if TYPE_CHECKING:
@@ -40,6 +40,15 @@ MODULES = (
     "wire.js",
     "source.js",
     "deform.js",
+    "mesh.js",
+    "contours.js",
+    "hands.js",
+    "operators.js",
+    "skin.js",
+    "sections.js",
+    "gauge.js",
+    "compare.js",
+    "stripes.js",
     "detail.js",
     "pose.js",
     "figure.js",
@@ -85,7 +94,7 @@ class Showing:
         self.title = title or ", ".join(a.name for a in self.actors)
         self.fps = max(a.fps for a in self.actors)
         self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
-        self.meshes = [mesh_message(a) for a in self.actors]
+        self.meshes = [m for a in self.actors for m in mesh_messages(a)]
         self.deformers = {a.name: a.deformer for a in self.actors if a.body is not None}
         self.turns: dict[str, dict[int, NDArray[np.float64]]] = {a.name: {} for a in self.actors}
         self.displaced: dict[str, dict[int, float]] = {a.name: {} for a in self.actors}
