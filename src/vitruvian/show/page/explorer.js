@@ -95,6 +95,7 @@ export class Explorer {
   select(j) {
     const { page, figure } = this;
     page.selected = j;
+    if (j >= 0 && innerWidth <= 480) $("joints-panel").open = false; // its card takes the room
     this.tree.select(j);
     this.details.select(j);
     figure.overlay.color(j);

@@ -407,6 +407,7 @@ class Page {
     $("deformer").onchange = () => this.setDeformer($("deformer").value);
     $("shapes-panel").ontoggle = () => this.explorer.shapes.update();
     click("compare", () => this.figure && this.toggleCompare());
+    for (const p of document.querySelectorAll(".panel")) p.addEventListener("toggle", () => { if (p.open && narrow()) closePanels(p); });
     const { explorer } = this;
     $("loa").onchange = () => explorer.chooseLevel(Number($("loa").value));
     toggle("arcs", () => explorer.showRanges());
@@ -427,7 +428,7 @@ class Page {
       Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
-      Escape: () => { for (const p of document.querySelectorAll(".panel")) p.open = false; if (pressed("help")) $("help").click(); },
+      Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },
     });
     this.bindPointer();
   }
@@ -459,6 +460,8 @@ class Page {
   }
 }
 
+const narrow = () => innerWidth <= 480; // a telephone: room for one panel
+const closePanels = (but = null) => { for (const p of document.querySelectorAll(".panel")) if (p !== but) p.open = false; };
 const MODES = ["weights", "segments", "stripes"];
 const pressed = (id) => $(id).getAttribute("aria-pressed") === "true";
 const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers } : blocks);
