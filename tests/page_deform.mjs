@@ -1,6 +1,7 @@
 // Runs the page's deformers and its gauge outside of a browser: node page_deform.mjs PAGE JOBS.json
-// Jobs: [{mesh, pose, weights, names, joints}], files of a mesh message and of (J,12) float32 poses; answers on stdout.
-import { readFileSync } from "node:fs";
+// Jobs: [{mesh, pose, weights, names, some, measured, joints}], files of a mesh message and of (J,12) float32 poses. Points
+// go to MESH.NAME (float32), those of the vertices `some` alone to MESH.NAME.some, answers to stdout.
+import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 import { join } from "node:path";
 
@@ -16,18 +17,16 @@ for (const job of JSON.parse(readFileSync(file, "utf8"))) {
     if (!able(name, skin)) { answer[name] = null; continue; }
     const positions = new Float32Array(3 * skin.V), normals = new Float32Array(3 * skin.V);
     run(name, skin, pose, job.weights ?? [], positions, normals);
-    const seconds = [];
-    for (let n = 0; n < (job.rounds ?? 0); n++) { const from = performance.now(); run(name, skin, pose, job.weights ?? [], positions, normals); seconds.push((performance.now() - from) / 1000); }
-    answer[name] = { positions: [...positions], normals: [...normals], seconds };
+    writeFileSync(`${job.mesh}.${name}`, positions);
+    answer[name] = {};
     if (job.some) {
       const part = subset(skin, job.some), p = new Float32Array(3 * part.V), n = new Float32Array(3 * part.V);
       run(name, part, pose, job.weights ?? [], p, n);
-      answer[name].some = [...p];
+      writeFileSync(`${job.mesh}.${name}.some`, p);
     }
-    if (gauge) {
-      const from = performance.now(), { whole, joints } = gauge.measure(positions, pose, job.joints);
+    if (gauge && job.measured.includes(name)) {
+      const { whole, joints } = gauge.measure(positions, pose, job.joints);
       answer[name].quality = { whole, joints: Object.fromEntries([...joints].map(([j, q]) => [header.joints[j], q])) };
-      answer[name].measured = (performance.now() - from) / 1000;
     }
   }
   out.push(answer);

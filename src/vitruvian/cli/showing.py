@@ -89,6 +89,9 @@ def render(
         "--pose",
         help="The pose to compare: JSON {joint: [x, y, z, angle]} or its file (default: one that is hard).",
     ),
+    stripes: bool = typer.Option(
+        True, "--stripes/--no-stripes", help="With --compare: stripe the skin, so that seams that slip show."
+    ),
     as_json: bool = Json,
 ) -> None:
     """Draw a picture (.png) or film (.mp4 .gif .webp) without a screen.
@@ -99,7 +102,7 @@ def render(
     if compare is not None:
         if time:
             raise VitruvianError("--time: a comparison shows one pose, without motion; give it by --pose")
-        _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, as_json)
+        _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, stripes, as_json)
         return
     if pose is not None:
         raise VitruvianError("--pose: goes with --compare; `vitruvian pose` writes a posed file")
@@ -123,7 +126,9 @@ def render(
     emit({"files": [str(out)]}, f"wrote {out}", as_json)
 
 
-def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str, as_json: bool) -> None:
+def _compare(
+    file: str, out: Path, names: list[str], pose: str | None, view: str, stripes: bool, as_json: bool
+) -> None:
     """A pose under several deformers: a sheet, and its numbers."""
     from vitruvian.cli.files import pose_of
     from vitruvian.cli.people import subject
@@ -135,7 +140,8 @@ def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str
         humanoid = person(outfit="body suit")  # nothing that hides the surface
     else:
         humanoid = subject(file)
-    reports = compare(humanoid, out, deformers=names, pose=pose_of(pose, "--pose") if pose else None, view=view)
+    chosen = pose_of(pose, "--pose") if pose else None
+    reports = compare(humanoid, out, deformers=names, pose=chosen, view=view, stripes=stripes)
     document = {"files": [str(out)], "deformers": {name: r.document() for name, r in reports.items()}}
     emit(document, "\n".join([f"wrote {out}", *_table(reports)]), as_json)
 
