@@ -25,7 +25,12 @@ from vitruvian.show.server import FOLDER
 
 JOB = Path(__file__).parent / "page_deform.mjs"
 MEASURED = ("linear", "log", "contours", "hand")
-FINGERS = ("l_metacarpophalangeal_2", "l_carpal_proximal_interphalangeal_2", "r_metacarpophalangeal_3", "l_carpometacarpal_5")
+FINGERS = (
+    "l_metacarpophalangeal_2",
+    "l_carpal_proximal_interphalangeal_2",
+    "r_metacarpophalangeal_3",
+    "l_carpometacarpal_5",
+)
 
 
 def posed(body: Body, pose) -> np.ndarray:
@@ -75,7 +80,9 @@ def people():
 def test_every_deformer_of_the_page_is_the_kernels_and_so_are_its_numbers(people, tmp_path) -> None:
     chosen = [list(turned(body.skeleton, m))[:8] for body, m in people]
     some = list(range(0, 10000, 89))
-    cases = [(body, m, NAMES, joints, {"some": some, "measured": MEASURED}) for (body, m), joints in zip(people, chosen)]
+    cases = [
+        (body, m, NAMES, joints, {"some": some, "measured": MEASURED}) for (body, m), joints in zip(people, chosen)
+    ]
     answers = in_page(tmp_path, cases)
     assert answers[0]["contours"] is None and answers[1]["contours"] is not None
     for (body, matrices), joints, answer in zip(people, chosen, answers):

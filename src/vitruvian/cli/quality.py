@@ -30,7 +30,9 @@ def quality(
         "(default: one pose that is hard).",
     ),
     deformers: str = typer.Option("linear,dual-quaternion,log,volume", "--deformers", metavar="NAMES"),
-    joints: str | None = typer.Option(None, "--joints", metavar="NAMES", help="Measure round these (default: all that turn)."),
+    joints: str | None = typer.Option(
+        None, "--joints", metavar="NAMES", help="Measure round these (default: all that turn)."
+    ),
     every: int = typer.Option(1, min=1, help="Of a motion take each so many frames."),
     as_json: bool = Json,
 ) -> None:
@@ -83,7 +85,9 @@ def _matrices(body: Body, poses: str | None, every: int) -> Floats:
         motion = movement(poses, body)
         frames = range(0, len(motion.rotation), every)
         if len(frames) > LONGEST:
-            raise VitruvianError(f"--poses: expected at most {LONGEST} poses, found {len(frames)}; give a larger --every")
+            raise VitruvianError(
+                f"--poses: expected at most {LONGEST} poses, found {len(frames)}; give a larger --every"
+            )
         return np.asarray(joint_matrices(skeleton, motion)[::every])
     asked: list[Any] = [default_pose(skeleton)] if poses is None else _listed(poses, pose_of)
     out = []
@@ -91,7 +95,9 @@ def _matrices(body: Body, poses: str | None, every: int) -> Floats:
         rotation = skeleton.rotation.copy()
         for joint, value in pose.items():
             if joint not in skeleton.index:
-                raise VitruvianError(f"--poses: {joint} is not a joint of {body.name}; it has {', '.join(skeleton.names[:8])} ...")
+                raise VitruvianError(
+                    f"--poses: {joint} is not a joint of {body.name}; it has {', '.join(skeleton.names[:8])} ..."
+                )
             if not np.isfinite(value).all():
                 raise VitruvianError(f"--poses: {joint}: expected finite numbers, found {value}")
             rotation[skeleton.index[joint]] = from_axis_angle(np.asarray(value, np.float64))

@@ -126,9 +126,7 @@ def render(
     emit({"files": [str(out)]}, f"wrote {out}", as_json)
 
 
-def _compare(
-    file: str, out: Path, names: list[str], pose: str | None, view: str, stripes: bool, as_json: bool
-) -> None:
+def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str, stripes: bool, as_json: bool) -> None:
     """A pose under several deformers: a sheet, and its numbers."""
     from vitruvian.cli.files import pose_of
     from vitruvian.cli.people import subject

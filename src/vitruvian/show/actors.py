@@ -21,8 +21,8 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
-from vitruvian.show.programs import program_blocks
 from vitruvian.show.openness import openness, owners, reaches
+from vitruvian.show.programs import program_blocks
 from vitruvian.show.wire import Block, encode, quantise, quantise_normals
 from vitruvian.stage.clip import Clip, Mesh
 

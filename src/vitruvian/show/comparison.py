@@ -64,7 +64,8 @@ def compare(
     deformers: names of `deform.deformer.NAMES`; for "contours", a humanoid without contour surfaces is sliced into
     them first. pose: {joint: [x, y, z, angle]}, radians; None: `default_pose`. view: as for `picture`; size of each
     figure in pixels. stripes: bands across the limbs and stripes along them, which break where a seam opens or slips,
-    instead of the figure's own looks. Above each column the whole figure, below it the joints that turn most, from the side.
+    instead of the figure's own looks. Above each column the whole figure, below it the joints that turn most, from the
+    side.
     Raises VitruvianError for unknown deformers and joints, and for another ending than .png.
     """
     size = whole(size)

@@ -50,7 +50,8 @@ def show(
     """Show Clips, Humanoids, Bodies and Meshes in the browser.
 
     `findings` (dataclasses or mappings with `rule severity where line message fix`, as the H-Anim doctor gives them)
-    fill the page's list. `compare`: the page can compare the first figure with itself in contours. Prints the address. With `block` it returns after an interrupt (Ctrl-C), else at once with a
+    fill the page's list. `compare`: the page can compare the first figure with itself in contours.
+    Prints the address. With `block` it returns after an interrupt (Ctrl-C), else at once with a
     `Window`. The server listens on the loopback interface only; `port` 0 takes a free one. Raises `VitruvianError`.
     """
     from vitruvian.show.server import Server, Showing

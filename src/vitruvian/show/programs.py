@@ -5,6 +5,8 @@ Numbers of joints are sent one higher, so that 0 can mean none.
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,13 +57,9 @@ def _hands(body: Body) -> dict[str, NDArray]:
     def of_hand(name: str) -> NDArray:
         return np.concatenate([getattr(p.hand, name) for p in programs])
 
-    fields = ("normal_near", "normal_far", *_fields(HandProgram, "vertex", "width"))
-    out = {name: linked(name) if name in ("link", "links") else joined(name) for name in fields}
+    names = [f.name for f in fields(HandProgram)]
+    wanted = ("normal_near", "normal_far", *names[names.index("vertex") :])
+    out = {name: linked(name) if name in ("link", "links") else joined(name) for name in wanted}
     out |= {name: of_hand(name) for name in ("start", "end", "axis_near", "axis_far", "vertices")}
     out |= {name: of_hand(name) + 1 for name in ("before", "near", "far")}
     return {f"hand_{name}": a for name, a in out.items()} | {"hand_left": 1 - of_hand("share")}
-
-
-def _fields(kind: type, first: str, last: str) -> list[str]:
-    names = list(kind.__dataclass_fields__)
-    return names[names.index(first) : names.index(last) + 1]
