@@ -43,6 +43,9 @@ def _shown(file: str) -> Any:
 def view(
     files: list[str] = typer.Argument(..., help="H-Anim, glTF, VRM, USD, BVH or OBJ files."),
     no_open: bool = typer.Option(False, "--no-open", help="Print the address without opening a browser."),
+    compare: bool = typer.Option(
+        False, "--compare", help="Slice the first figure into contours too, so that the page can compare with them."
+    ),
     as_json: bool = Json,
 ) -> None:
     """Show files in the browser, until Ctrl-C. The page lists what the doctor finds in them, open when there are errors."""
@@ -56,7 +59,7 @@ def view(
     things = [_shown(f) for f in files]
     scenes = [f for f in files if registry.kind(f) in registry.SCENES]
     findings = [finding for f in scenes for finding in registry.check(f)]
-    window = show(*things, open_browser=not no_open, block=False, findings=findings)
+    window = show(*things, open_browser=not no_open, block=False, findings=findings, compare=compare)
     assert window is not None
     with window, suppress(KeyboardInterrupt):
         emit({"address": window.url}, f"{window.url}  (Ctrl-C ends it)", as_json)
@@ -86,6 +89,9 @@ def render(
         "--pose",
         help="The pose to compare: JSON {joint: [x, y, z, angle]} or its file (default: one that is hard).",
     ),
+    stripes: bool = typer.Option(
+        True, "--stripes/--no-stripes", help="With --compare: stripe the skin, so that seams that slip show."
+    ),
     as_json: bool = Json,
 ) -> None:
     """Draw a picture (.png) or film (.mp4 .gif .webp) without a screen.
@@ -96,7 +102,7 @@ def render(
     if compare is not None:
         if time:
             raise VitruvianError("--time: a comparison shows one pose, without motion; give it by --pose")
-        _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, as_json)
+        _compare(file, out, [n.strip() for n in compare.split(",") if n.strip()], pose, view, stripes, as_json)
         return
     if pose is not None:
         raise VitruvianError("--pose: goes with --compare; `vitruvian pose` writes a posed file")
@@ -120,7 +126,7 @@ def render(
     emit({"files": [str(out)]}, f"wrote {out}", as_json)
 
 
-def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str, as_json: bool) -> None:
+def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str, stripes: bool, as_json: bool) -> None:
     """A pose under several deformers: a sheet, and its numbers."""
     from vitruvian.cli.files import pose_of
     from vitruvian.cli.people import subject
@@ -132,7 +138,8 @@ def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str
         humanoid = person(outfit="body suit")  # nothing that hides the surface
     else:
         humanoid = subject(file)
-    reports = compare(humanoid, out, deformers=names, pose=pose_of(pose, "--pose") if pose else None, view=view)
+    chosen = pose_of(pose, "--pose") if pose else None
+    reports = compare(humanoid, out, deformers=names, pose=chosen, view=view, stripes=stripes)
     document = {"files": [str(out)], "deformers": {name: r.document() for name, r in reports.items()}}
     emit(document, "\n".join([f"wrote {out}", *_table(reports)]), as_json)
 

@@ -1,7 +1,7 @@
 """What is on stage, as the messages that the page understands: a `mesh` message once, pose blocks per frame.
 
-The page gets poses, not vertices: it deforms by itself with the deformers it knows. For the others (`SERVED`) vertices
-are computed on the stage and sent quantised.
+The page gets poses, not vertices: it deforms by itself. While a live page shows one of `SERVED`, vertices are computed
+on the stage and sent quantised as well: they keep twists continuous past 180 degrees, which a single pose does not tell.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ from numpy.typing import NDArray
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
 from vitruvian.deform.hand_links import hands_of
-from vitruvian.errors import VitruvianError
+from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
 from vitruvian.show.openness import openness, owners, reaches
+from vitruvian.show.programs import program_blocks
 from vitruvian.show.wire import Block, encode
 from vitruvian.stage.actor import travel
 from vitruvian.stage.clip import Clip, Mesh
 from vitruvian.stage.stage import Stage
 
-PAGE = ("linear", "dual-quaternion", "log")  # deform.js
-SERVED = ("volume", "hand", "contours", "hybrid", "log-pair", "log-absolute")  # computed here, sent as vertices
+PAGE = ("linear", "dual-quaternion", "log")  # always computed in the page
+SERVED = ("volume", "hand", "contours", "hybrid", "log-pair", "log-absolute")  # on live pages computed by the stage
 
 
 def able(body: Body, name: str) -> bool:
@@ -56,6 +57,7 @@ class Actor:
     travel: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
     motion: Motion | None = None
+    twin: Body | None = None  # the same body with contours, which the page compares with
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -69,8 +71,11 @@ class Actor:
         return {m.name: i for i, m in enumerate(self.body.skin.morphs)} if self.body else {}
 
 
-def actors_of(things: Sequence[object]) -> list[Actor]:
-    """An actor for each Clip, Humanoid, Body or Mesh, with names that differ; `VitruvianError` for anything else."""
+def actors_of(things: Sequence[object], *, compare: bool = False) -> list[Actor]:
+    """An actor for each Clip, Humanoid, Body or Mesh, with names that differ; `VitruvianError` for anything else.
+
+    `compare`: the first figure gets a twin that is sliced into contours (seconds), unless it has contours itself.
+    """
     actors: list[Actor] = []
     taken: set[str] = set()
     for thing in things:
@@ -82,11 +87,11 @@ def actors_of(things: Sequence[object]) -> list[Actor]:
         actors.append(replace(actor, name=name))
     if not actors:
         raise VitruvianError("show: expected at least one Clip, Humanoid, Body or Mesh, found nothing")
-    return actors
+    return _with_twin(actors) if compare else actors
 
 
-def actors_on(stage: Stage) -> list[Actor]:
-    """The actors of a stage, as pages see them."""
+def actors_on(stage: Stage, *, compare: bool = False) -> list[Actor]:
+    """The actors of a stage, as pages see them. `compare`: as for `actors_of`."""
     out = []
     for a in stage.actors.values():
         if a.body is None:
@@ -94,7 +99,31 @@ def actors_on(stage: Stage) -> list[Actor]:
             out.append(replace(_actor(a.mesh), name=a.name))
         else:
             out.append(replace(_moving(a.body, a.motion, a.deformer, a.humanoid), name=a.name))
-    return out
+    return _with_twin(out) if compare else out
+
+
+def _with_twin(actors: list[Actor]) -> list[Actor]:
+    """The actors, the first figure with a twin that is sliced into contours."""
+    first = next((i for i, a in enumerate(actors) if a.body is not None), None)
+    if first is not None:
+        actors[first] = replace(actors[first], twin=_sliced(actors[first]))
+    return actors
+
+
+def _sliced(actor: Actor) -> Body | None:
+    """The body of an actor in contours; None, with a warning that says why, when it has or can have none."""
+    from vitruvian.body.pack import pack
+    from vitruvian.modeling.contours import contours
+
+    assert actor.body is not None
+    if actor.humanoid is None or actor.body.contours:
+        return None
+    try:
+        made = pack(contours(actor.humanoid))
+    except VitruvianError as error:
+        warn(f"no contours to compare with: {error}")
+        return None
+    return made if made.skeleton.names == actor.body.skeleton.names else None
 
 
 def _actor(thing: object) -> Actor:
@@ -130,8 +159,18 @@ def _moving(body: Body, motion: Motion | None, deformer: str, humanoid: Humanoid
     return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, way, humanoid, motion)
 
 
-def mesh_message(actor: Actor) -> bytes:
-    """Everything about an actor that does not move: sent once."""
+def mesh_messages(actor: Actor) -> list[bytes]:
+    """Everything about an actor and its twin that does not move: sent once, in this order."""
+    messages = [mesh_message(actor)]
+    if actor.twin is not None:
+        name = f"{actor.name} in contours"
+        twin = replace(actor, name=name, body=actor.twin, deformer="contours", humanoid=None)
+        messages.append(mesh_message(twin, twin=actor.name))
+    return messages
+
+
+def mesh_message(actor: Actor, *, twin: str = "") -> bytes:
+    """Everything about an actor that does not move. `twin`: the actor that this is another surface of."""
     if actor.mesh is not None:
         return _still(actor.name, actor.mesh)
     assert actor.body is not None
@@ -168,6 +207,7 @@ def mesh_message(actor: Actor) -> bytes:
             Block("morph_index", np.concatenate([m.index for m in skin.morphs]).astype(np.uint32), actor.name),
             Block("morph_offset", f32(np.concatenate([m.offset for m in skin.morphs])), actor.name),
         ]
+    blocks += program_blocks(body, actor.name)
     fields: dict[str, Any] = {
         "actor": actor.name,
         "joints": list(skeleton.names),
@@ -179,7 +219,7 @@ def mesh_message(actor: Actor) -> bytes:
         "frames": len(actor),
         "fps": actor.fps,
     }
-    return encode("mesh", fields, blocks)
+    return encode("mesh", fields | ({"twin": twin} if twin else {}), blocks)
 
 
 def _still(name: str, mesh: Mesh) -> bytes:

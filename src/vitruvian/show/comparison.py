@@ -1,4 +1,4 @@
-"""One pose under several deformers side by side, chequered, with the numbers of `deform.quality` as captions."""
+"""One pose under several deformers side by side, striped, with the numbers of `deform.quality` as captions."""
 
 from __future__ import annotations
 
@@ -57,12 +57,15 @@ def compare(
     view: str = "three-quarter",
     size: tuple[int, int] = (340, 500),
     samples: int = 4,
+    stripes: bool = True,
 ) -> dict[str, Report]:
     """Measures a pose under several deformers, and draws them side by side as a PNG (`path` None: only measures).
 
     deformers: names of `deform.deformer.NAMES`; for "contours", a humanoid without contour surfaces is sliced into
     them first. pose: {joint: [x, y, z, angle]}, radians; None: `default_pose`. view: as for `picture`; size of each
-    figure in pixels. Above each column the whole figure, below it the joints that turn most, from the side.
+    figure in pixels. stripes: bands across the limbs and stripes along them, which break where a seam opens or slips,
+    instead of the figure's own looks. Above each column the whole figure, below it the joints that turn most, from the
+    side.
     Raises VitruvianError for unknown deformers and joints, and for another ending than .png.
     """
     size = whole(size)
@@ -80,7 +83,7 @@ def compare(
         source, body = (humanoid, base) if name != "contours" or base.contours else _sliced(humanoid)
         columns.append(_posed(source, body, name, chosen))
     if path is not None:
-        _draw(columns, path, view, size, samples)
+        _draw(columns, path, view, size, samples, stripes)
     return {c.name: c.report for c in columns}
 
 
@@ -200,7 +203,12 @@ def limb_places(body: Body, points: Floats) -> Floats:
 
 
 def _draw(
-    columns: Sequence[Posed], path: str | os.PathLike[str], view: str, size: tuple[int, int], samples: int
+    columns: Sequence[Posed],
+    path: str | os.PathLike[str],
+    view: str,
+    size: tuple[int, int],
+    samples: int,
+    stripes: bool,
 ) -> None:
     from PIL import Image
 
@@ -214,8 +222,9 @@ def _draw(
     ground = floor_of(first.figure, surfaces[0]) * scale
     cameras = [(frame, _scaled(camera, scale), joint) for frame, camera, joint in cameras]
     for i, (column, surface) in enumerate(zip(columns, surfaces)):
-        places = limb_places(first.body, column.body.skin.rest) * own
-        surfaces[i] = chequered(replace(surface, vertices=surface.vertices * scale), places)
+        surfaces[i] = replace(surface, vertices=surface.vertices * scale)
+        if stripes:
+            surfaces[i] = chequered(surfaces[i], limb_places(first.body, column.body.skin.rest) * own)
     strips = []
     for column, surface in zip(columns, surfaces):
         rows = [_title(column.name, size[0])]

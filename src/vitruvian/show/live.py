@@ -46,18 +46,20 @@ def show(
     findings: Sequence[object] = (),
     title: str = "",
     port: int = 0,
+    compare: bool = False,
 ) -> Window | None:
     """Show Clips, Humanoids, Bodies and Meshes in the browser, or a Stage of them.
 
     A Stage goes on living: what is sent to it while the page is open is seen there. `findings` (dataclasses or mappings
-    with `rule severity where line message fix`, as the H-Anim doctor gives them) fill the page's list. Prints the
-    address. With `block` it returns after an interrupt (Ctrl-C), else at once with a `Window`. The server listens on the
-    loopback interface only; `port` 0 takes a free one. Raises `VitruvianError`.
+    with `rule severity where line message fix`, as the H-Anim doctor gives them) fill the page's list. `compare`: the
+    page can compare the first figure with itself in contours. Prints the address. With `block` it returns after an
+    interrupt (Ctrl-C), else at once with a `Window`. The server listens on the loopback interface only; `port` 0 takes a
+    free one. Raises `VitruvianError`.
     """
     from vitruvian.show.server import Server, Showing
 
     stage = things[0] if len(things) == 1 and isinstance(things[0], Stage) else None
-    actors = actors_of(things) if stage is None else actors_on(stage)
+    actors = actors_of(things, compare=compare) if stage is None else actors_on(stage, compare=compare)
     server = Server(Showing(actors, [finding_fields(f) for f in findings], title, stage), port)
     if block:
         print(f"showing at {server.url}  (Ctrl-C ends it)", flush=True)

@@ -47,13 +47,17 @@ LOADER = """
 """
 
 
-def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "") -> dict[str, int]:
+def record(
+    thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "", compare: bool = False
+) -> dict[str, int]:
     """Write one self-contained HTML file that plays a Clip (or Humanoid, Body, Mesh) without server or network.
 
-    Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The deformer of the
-    clip may be any; for those that the page can't run, vertices are stored frame by frame.
+    Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The page runs every
+    deformer that the body is able to by itself, and compares them; with `compare` also with the body in contours.
     """
-    showing = Showing(actors_of([thing]), [finding_fields(f) for f in findings], title)
+    showing = Showing(
+        actors_of([thing], compare=compare), [finding_fields(f) for f in findings], title, leave=(*PAGE, *SERVED)
+    )
     clip = b"".join(_framed(m) for m in messages(showing))
     code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
     html = (FOLDER / "index.html").read_text("utf-8")
@@ -86,8 +90,7 @@ def record(thing: object, path: str | Path, *, findings: Sequence[object] = (), 
 
 def messages(showing: Showing) -> list[bytes]:
     """Every message of a recording: hello, meshes, then one frame message per frame, each complete in itself."""
-    stored = [name for name in showing.deformers.values() if name in SERVED]
-    out = [showing.hello([*PAGE, *dict.fromkeys(stored)]), *showing.meshes]
+    out = [showing.hello(), *showing.meshes]
     stage, size = showing.stage, 0
     for n in range(showing.frames):
         stage.seek(n / showing.fps)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.rotations import inverse, multiply
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_message, pose_blocks
+from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
 from vitruvian.show.wire import VERSION, Block, encode, quantise, quantise_normals
 from vitruvian.stage.actor import Actor as Player
 from vitruvian.stage.actor import Posed
@@ -26,7 +26,7 @@ RATE = 240  # ticks a second at least, so that pages of any rate move evenly; on
 
 class Showing:
     """A stage that pages look at, and how they drive it. Without a stage one is made for the actors: a round is as long
-    as the longest of their motions."""
+    as the longest of their motions, and the deformers in `leave` are left to the page."""
 
     def __init__(
         self,
@@ -34,6 +34,7 @@ class Showing:
         findings: Sequence[Mapping[str, Any]] = (),
         title: str = "",
         stage: Stage | None = None,
+        leave: Sequence[str] = PAGE,
     ):
         self.actors = list(actors)
         self.by_name = {a.name: a for a in self.actors}
@@ -41,11 +42,11 @@ class Showing:
         self.title = title or ", ".join(a.name for a in self.actors)
         self.fps = max(a.fps for a in self.actors)
         self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
-        self._meshes: dict[tuple[str, int], bytes] = {}
+        self._meshes: dict[tuple[str, int], list[bytes]] = {}
         self.own = stage is None
         if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
-        self.stage = staged(self.actors, self.fps, self.frames) if stage is None else stage
+        self.stage = staged(self.actors, self.fps, self.frames, leave) if stage is None else stage
         self.change = 0  # counts everything that pages have to be told
         self.wake: set[asyncio.Event] = set()
         self._since: float | None = None
@@ -77,8 +78,8 @@ class Showing:
             key = (a.name, levels[a.name])
             if key not in self._meshes:
                 body = self.stage.actors[a.name].levels[key[1]].body if a.body is not None else None
-                self._meshes[key] = mesh_message(replace(a, body=body))
-        return [self._meshes[a.name, levels[a.name]] for a in self.actors]
+                self._meshes[key] = mesh_messages(replace(a, body=body))
+        return [m for a in self.actors for m in self._meshes[a.name, levels[a.name]]]
 
     @property
     def deformers(self) -> dict[str, str]:
@@ -207,12 +208,12 @@ class Showing:
         return blocks
 
 
-def staged(actors: Sequence[Actor], fps: float, frames: int) -> Stage:
-    """A stage for actors of a page: what the page deforms by itself is left to it."""
+def staged(actors: Sequence[Actor], fps: float, frames: int, leave: Sequence[str] = PAGE) -> Stage:
+    """A stage for actors of a page, which leaves some deformers to it."""
     players = []
     for a in actors:
         players.append(Player(a.name, a.body, humanoid=a.humanoid, mesh=a.mesh, motion=a.motion, deformer=a.deformer))
-    stage = Stage(players, rate=ticks(fps, 1.0), length=frames / fps, last=(frames - 1) / fps, leave=PAGE)
+    stage = Stage(players, rate=ticks(fps, 1.0), length=frames / fps, last=(frames - 1) / fps, leave=leave)
     stage.clock.playing = frames > 1
     return stage
 

@@ -3,9 +3,11 @@
 //
 // Poses are (J,12) float32: row-major 3x4 matrices of M_j in humanoid space, p' = sum w_j M_j p.
 // Sources: linear blending as ISO/IEC 19774 browsers do it; dual quaternions after Kavan et al. 2008;
-// "log" is one Karcher step on SE(3) from the dual quaternion blend.
+// "log" is one Karcher step on SE(3) from the dual quaternion blend, "log-pair" one from the motion of the joint with the
+// largest weight, "log-absolute" one from rest. operators.js has those that are made of these.
 
-export const DEFORMERS = ["linear", "dual-quaternion", "log"];
+/** Operators that blend the motions of joints, each vertex for itself. */
+export const BLENDS = ["linear", "dual-quaternion", "log", "log-pair", "log-absolute"];
 
 /** Area-weighted unit vertex normals (V*3) of a mesh; zero where a vertex has no area. */
 export function restNormals(rest, triangles) {
@@ -74,21 +76,25 @@ export function subset(skin, vertices) {
   return { ...skin, V, morphs, rest, moved: rest.slice(), over: pick(skin.over, 1), normals: pick(skin.normals, 3), row, joint, weight };
 }
 
-/** positions and normals (V*3 each, written) of `skin` in `pose` (J*12) with displacer `weights`, by that deformer. */
+/** positions and normals (V*3 each, written) of `skin` in `pose` (J*12) with displacer `weights`, by one of `BLENDS`. */
 export function deform(name, skin, pose, weights, positions, normals) {
-  const { M, J } = skin;
-  M.set(pose);
-  M.set([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], 12 * J);
+  setPose(skin, pose);
   const p = displaceBefore(skin, weights);
   if (name === "linear") linear(skin, p, positions, normals);
   else {
     rigid(skin);
-    blend(skin, p, positions, normals, name === "log");
+    blend(skin, p, positions, normals, name);
   }
   displaceAfter(skin, weights, positions);
 }
 
-function displaceBefore(skin, weights) {
+export function setPose({ M, J }, pose) {
+  M.set(pose);
+  M.set([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], 12 * J);
+}
+
+/** (V*3) the rest points with displacers that act before skinning. */
+export function displaceBefore(skin, weights) {
   const { morphs, rest, moved } = skin;
   let any = false;
   morphs.forEach((m, d) => { any ||= m.before && weights?.[d]; });
@@ -101,7 +107,7 @@ function displaceBefore(skin, weights) {
   return moved;
 }
 
-function displaceAfter(skin, weights, out) {
+export function displaceAfter(skin, weights, out) {
   const { morphs, M } = skin;
   morphs.forEach((m, d) => {
     const w = m.before ? 0 : weights?.[d];
@@ -116,7 +122,8 @@ function displaceAfter(skin, weights, out) {
   });
 }
 
-function linear(skin, rest, out, outN) {
+/** Blends matrices: `out` and `outN` (V*3) of `rest` (V*3) in the pose that was set. */
+export function linear(skin, rest, out, outN) {
   const { V, row, joint, weight, over, M, normals } = skin;
   for (let v = 0, i = 0; v < V; v++, i += 3) {
     let a = over[v], b = 0, c = 0, d = 0, e = 0, f = over[v], g = 0, h = 0, p = 0, q = 0, r = over[v], s = 0;
@@ -144,7 +151,7 @@ function cofactor(out, i, a, b, c, e, f, g, p, q, r, x, y, z) {
 }
 
 /** Dual quaternion (w x y z | w x y z) of each joint; scale and shear, if any, go to `stretch`, to be applied first. */
-function rigid(skin) {
+export function rigid(skin) {
   const { M, dq, stretch, J, centers } = skin;
   skin.stretched = false;
   const R = new Float64Array(9);
@@ -219,7 +226,9 @@ export function quaternion(R) {
   return q.map((x) => x * s);
 }
 
-function blend(skin, rest, out, outN, karcher) {
+/** Blends rigid motions, after `rigid`, by the operator `name`: the same as `linear` otherwise. */
+export function blend(skin, rest, out, outN, name) {
+  const step = name !== "dual-quaternion", pair = name === "log-pair", absolute = name === "log-absolute";
   const { V, row, joint, weight, M, dq, normals, stretch, stretched } = skin;
   for (let v = 0, i = 0; v < V; v++, i += 3) {
     const first = row[v], last = row[v + 1];
@@ -250,7 +259,10 @@ function blend(skin, rest, out, outN, karcher) {
       dw += s * dq[d + 4]; da += s * dq[d + 5]; db += s * dq[d + 6]; dc += s * dq[d + 7];
     }
     const norm = Math.sqrt(w * w + a * a + b * b + c * c);
-    if (norm < 1e-8) { // opposite rotations cancel: the pivot decides alone
+    if (absolute) {
+      w = 1;
+      a = b = c = dw = da = db = dc = 0;
+    } else if (pair || norm < 1e-8) { // opposite rotations cancel: the pivot decides alone
       w = pw; a = px; b = py; c = pz;
       dw = dq[pivot + 4]; da = dq[pivot + 5]; db = dq[pivot + 6]; dc = dq[pivot + 7];
     } else {
@@ -273,8 +285,8 @@ function blend(skin, rest, out, outN, karcher) {
       cofactor(outN, i, A, B, C, E, F, G, P, Q, R, nx, ny, nz);
       nx = outN[i]; ny = outN[i + 1]; nz = outN[i + 2];
     }
-    if (karcher) {
-      // xi = sum w_i log(A0^-1 M_i), A0 the blend above
+    if (step) {
+      // xi = sum w_i log(A0^-1 M_i), A0 the motion above
       let wx = 0, wy = 0, wz = 0, vx = 0, vy = 0, vz = 0;
       for (let k = first; k < last; k++) {
         const d = 8 * joint[k], u = weight[k] / total;

@@ -1,7 +1,6 @@
 // The explorer: joint tree and details, limits, Sites, displacers, findings, level of articulation; and flying to places.
 
 import * as THREE from "three";
-import { DEFORMERS } from "./deform.js";
 import { Details } from "./details.js";
 import { Findings } from "./findings.js";
 import { counts } from "./level.js";
@@ -74,8 +73,6 @@ export class Explorer {
       f.refresh();
       f.overlay.relevel();
     }
-    for (const option of $("deformer").options) option.disabled = figure.folded && !DEFORMERS.includes(option.value); // the server knows all joints only
-    if (figure.folded && !DEFORMERS.includes(figure.deformer)) page.setDeformer("log");
     this.tree.relevel();
     this.tree.marks();
     const { all, worst } = this.findings.byJoint(figure.kept);
@@ -98,6 +95,7 @@ export class Explorer {
   select(j) {
     const { page, figure } = this;
     page.selected = j;
+    if (j >= 0 && innerWidth <= 480) $("joints-panel").open = false; // its card takes the room
     this.tree.select(j);
     this.details.select(j);
     figure.overlay.color(j);

@@ -2,9 +2,12 @@
 // Where drawing is slow, less of it while it plays (detail.js); all of it, exactly, as soon as it stands.
 
 import * as THREE from "three";
-import { DEFORMERS, bind, deform, restNormals, subset } from "./deform.js";
+import { restNormals } from "./deform.js";
 import { coarser, ordered } from "./detail.js";
 import { flat, material } from "./looks.js";
+import { able, run } from "./operators.js";
+import { skinOf, subset } from "./skin.js";
+import { limbPlaces, striped } from "./stripes.js";
 import { RAMP, category, toLinear } from "./colors.js";
 import { aboveAt, follow, keptAt } from "./level.js";
 import { center, turned } from "./pose.js";
@@ -40,10 +43,7 @@ export class Figure {
     this.positions = Float32Array.from(rest);
     this.normals = restNormals(rest, unsplit);
     if (this.isBody) {
-      this.skin = bind({
-        rest, row: this.row, joint: this.joint, weight: this.weight, triangles: unsplit, centers: this.centers,
-        morphs: morphs(header.displacers, blocks),
-      });
+      this.skin = skinOf(header, blocks);
       this.pose = identity(this.joints.length); // as posed by hand, without binding
       this.given = identity(this.joints.length); // as the frame has it
       this.clip = identity(this.joints.length); // the same at the level of articulation that is shown
@@ -73,7 +73,6 @@ export class Figure {
     this.colors = colors;
     this.openness = openness;
     this.geometry = this.shape(this.source, this.triangles, parts); // whole; the mesh may have a coarser one
-    this.painted = this.geometry.attributes.color;
     this.looks = parts.map((p) => material(p, Boolean(colors)));
     this.mesh = new THREE.Mesh(this.geometry, this.looks);
     Object.assign(this.mesh, { frustumCulled: false, castShadow: true, receiveShadow: true });
@@ -98,7 +97,7 @@ export class Figure {
     if (colors) {
       const paint = new Float32Array(3 * N);
       source.forEach((s, i) => { for (let c = 0; c < 3; c++) paint[3 * i + c] = LINEAR[colors[3 * s + c]]; });
-      geometry.setAttribute("color", new THREE.BufferAttribute(paint, 3));
+      geometry.setAttribute("color", (geometry.userData.painted = new THREE.BufferAttribute(paint, 3)));
     }
     const open = new Float32Array(N).fill(1);
     if (openness) source.forEach((s, i) => { open[i] = openness[s] / 255; });
@@ -119,7 +118,7 @@ export class Figure {
     const { source, rest } = this, made = coarser(rest, this.triangles.map((i) => source[i]), this.parts, cell, this.kinds());
     if (!made || made.triangles.length > 0.85 * this.triangles.length) return null; // not worth the difference
     const { source: order, triangles } = ordered(made.triangles, made.groups, made.source.length), points = order.map((i) => made.source[i]);
-    return { source: points, geometry: this.shape(points, triangles, made.groups), skin: subset(this.skin, points) };
+    return { source: points, triangles, groups: made.groups, geometry: this.shape(points, triangles, made.groups), skin: subset(this.skin, points) };
   }
 
   /** What must not be joined: what looks another way (6), has another colour (8), or lies in a fold as the mouth does (2). */
@@ -138,7 +137,7 @@ export class Figure {
 
   /** (V*3) of the whole skin as it is now, also while less of it is drawn. */
   whole() {
-    if (this.coarse && !this.served) deform(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
+    if (this.coarse && !this.served) run(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
     return this.positions;
   }
 
@@ -165,16 +164,16 @@ export class Figure {
       this.coarse = null;
     } else if (this.coarse) {
       const { geometry, skin } = this.coarse, { position, normal } = geometry.attributes;
-      deform(this.kernel(), skin, this.matrices(), this.weights(), position.array, normal.array);
+      run(this.kernel(), skin, this.matrices(), this.weights(), position.array, normal.array);
       position.needsUpdate = normal.needsUpdate = true;
       this.mesh.geometry = geometry;
       return;
-    } else deform(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
+    } else run(this.kernel(), this.skin, this.matrices(), this.weights(), this.positions, this.normals);
     this.mesh.geometry = this.geometry;
     this.upload();
   }
 
-  kernel() { return DEFORMERS.includes(this.deformer) ? this.deformer : "log"; }
+  kernel() { return able(this.deformer, this.skin) ? this.deformer : "log"; }
 
   matrices() { return this.binding ? multiply(this.pose, this.bindingShown, this.bound) : this.pose; }
 
@@ -196,22 +195,36 @@ export class Figure {
     position.needsUpdate = normal.needsUpdate = true;
   }
 
-  /** skin, weights (of joint `j`) or segments. */
+  /** skin, weights (of joint `j`), segments or stripes. */
   paint(mode, j = 0) {
-    const { geometry } = this, N = this.source.length;
-    if (mode === "skin" || !this.isBody) {
-      if (this.painted) geometry.setAttribute("color", this.painted);
-      this.mesh.material = this.looks;
-      return;
+    this.mesh.material = this.dress(this.geometry, this.source, mode, j);
+  }
+
+  /** Give a geometry that draws the skin vertices `source` the colours of a mode; returns the material that goes with them. */
+  dress(geometry, source, mode, j = 0) {
+    if (mode === "stripes" && this.isBody) {
+      this.limbs ??= limbPlaces(this.skin);
+      if (!geometry.attributes.place) geometry.setAttribute("place", new THREE.BufferAttribute(Float32Array.from({ length: 3 * source.length }, (_, i) => this.limbs[3 * source[(i / 3) | 0] + (i % 3)]), 3));
+      return (this.stripes ??= this.parts.map((p, i) => striped(p, 1.75 / this.stature) ?? this.looks[i]));
     }
-    const value = mode === "weights" ? this.jointWeights(j) : this.owners().map((o) => this.kept[o]), c = new Float32Array(3 * N), linear = RAMP.map((rgb) => rgb.map(toLinear));
+    if (mode === "skin" || !this.isBody) {
+      if (geometry.userData.painted) geometry.setAttribute("color", geometry.userData.painted);
+      return this.looks;
+    }
+    const value = mode === "weights" ? this.jointWeights(j) : this.owners().map((o) => this.kept[o]), c = new Float32Array(3 * source.length), linear = RAMP.map((rgb) => rgb.map(toLinear));
     const palette = mode === "weights" ? null : this.joints.map((_, i) => category(i).map(toLinear));
-    for (let i = 0; i < N; i++) {
-      const v = value[this.source[i]];
+    for (let i = 0; i < source.length; i++) {
+      const v = value[source[i]];
       c.set(palette ? palette[v] : linear[Math.round(255 * Math.min(1, Math.max(0, v)))], 3 * i);
     }
     geometry.setAttribute("color", new THREE.BufferAttribute(c, 3));
-    this.mesh.material = this.flat ??= flat();
+    return (this.flat ??= flat());
+  }
+
+  /** Draw with this figure's own surface again, after columns were drawn with theirs. */
+  undress() {
+    this.edges?.geometry.setAttribute("position", this.geometry.attributes.position);
+    if (this.edges) this.edges.visible = this.edges.userData.on;
   }
 
   jointWeights(j) {
@@ -245,7 +258,7 @@ export class Figure {
       this.space.add(this.edges);
       for (const look of [...this.looks, (this.flat ??= flat())]) Object.assign(look, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1, needsUpdate: true });
     }
-    if (this.edges) this.edges.visible = on;
+    if (this.edges) this.edges.userData.on = this.edges.visible = on;
   }
 
   /** World position of joint j's centre. */
@@ -344,13 +357,6 @@ function multiply(A, B, out) {
     out[m + r + c] = A[m + r] * B[m + c] + A[m + r + 1] * B[m + 4 + c] + A[m + r + 2] * B[m + 8 + c] + (c === 3 ? A[m + r + 3] : 0);
   }
   return out;
-}
-
-function morphs(displacers, blocks) {
-  const row = blocks.morph_row?.array, index = blocks.morph_index?.array, offset = blocks.morph_offset?.array;
-  return displacers.map((d, i) => ({
-    ...d, index: index.subarray(row[i], row[i + 1]), offset: offset.subarray(3 * row[i], 3 * row[i + 1]),
-  }));
 }
 
 /** For each joint that owns skin: [joint, centre x, y, z, radius] of a sphere of about that skin, for contact shadows. */

@@ -54,7 +54,7 @@ export class Findings {
     this.sift.hidden = numbers.filter(Boolean).length < 2;
     this.sift.replaceChildren(...SEVERITIES.flatMap((s, i) => (numbers[i] ? [this.sieve(s, numbers[i])] : [])));
     this.panel.dataset.worst = SEVERITIES[numbers.findIndex(Boolean)] ?? "";
-    if (numbers[0]) this.panel.open = true; // errors are what the file was opened for
+    if (numbers[0] && innerWidth > 480) this.panel.open = true; // errors are what the file was opened for; a telephone has no room
   }
 
   sieve(severity, number) {

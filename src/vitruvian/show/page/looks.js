@@ -52,7 +52,7 @@ function lit(made, [r, g, b], floor = 0.25, wet = false) {
   return made;
 }
 
-/** Colours as they are, darker only towards the outline: for heat maps that must match their bar. */
+/** Colours as they are, darker towards the outline and grey in it, so that dark ones stand out: for heat maps that must match their bar. */
 export function flat() {
   const made = new THREE.MeshBasicMaterial({ vertexColors: true, toneMapped: false, side: THREE.DoubleSide });
   made.onBeforeCompile = (shader) => {
@@ -61,7 +61,9 @@ export function flat() {
       .replace("#include <project_vertex>", "#include <project_vertex>\n facing = normalMatrix * normal; toEye = -mvPosition.xyz;");
     shader.fragmentShader = shader.fragmentShader
       .replace("void main() {", "varying vec3 facing; varying vec3 toEye; void main() {")
-      .replace("#include <opaque_fragment>", "outgoingLight *= mix(0.42, 1.0, smoothstep(0.0, 0.62, abs(dot(normalize(facing), normalize(toEye)))));\n#include <opaque_fragment>");
+      .replace("#include <opaque_fragment>", `float front = abs(dot(normalize(facing), normalize(toEye)));
+      outgoingLight = mix(outgoingLight * mix(0.42, 1.0, smoothstep(0.0, 0.62, front)), vec3(0.42), 0.5 * (1.0 - smoothstep(0.04, 0.3, front)));
+      #include <opaque_fragment>`);
   };
   return made;
 }

@@ -1,8 +1,8 @@
 // The page: puts frames from a source on stage and connects the controls.
 
 import * as THREE from "three";
-import { DEFORMERS } from "./deform.js";
 import { RAMP, css } from "./colors.js";
+import { Compare, WORDS } from "./compare.js";
 import { Figure } from "./figure.js";
 import { History, localRotation, toQuaternion } from "./pose.js";
 import { Explorer } from "./explorer.js";
@@ -39,6 +39,8 @@ class Page {
     this.offset = new THREE.Vector3();
     this.history = new History(() => this.edited());
     this.explorer = new Explorer(this);
+    this.compare = new Compare($("compare-view"), this);
+    new ResizeObserver(() => this.compare.on && this.compare.place()).observe($("compare-view"));
     studio.canvas.classList.add("empty");
     studio.head = () => this.face();
     $("legend-ramp").style.background = `linear-gradient(to right, ${RAMP.filter((_, i) => i % 15 === 0).map(css).join(", ")})`;
@@ -63,6 +65,8 @@ class Page {
       bones: read(() => page.figure?.overlay.shown.map((j) => page.figure.joints[j]) ?? []),
       angles: read(() => (page.selected >= 0 ? [...page.explorer.details.now] : null)),
       camera: read(() => ({ position: page.studio.camera.position.toArray(), target: page.studio.controls.target.toArray(), fov: page.studio.camera.fov, moving: Boolean(page.studio.flight) })),
+      mode: read(() => page.mode),
+      compared: read(() => page.compare.report),
       quality: read(() => page.studio.qualityName),
       software: read(() => page.studio.software),
       connected: read(() => Boolean(page.source?.connected)),
@@ -76,10 +80,8 @@ class Page {
 
   /** Pixel (x, y) of a joint in the window. */
   screen(joint) {
-    const f = this.figure, j = f?.joints.indexOf(joint) ?? -1, { clientWidth: w, clientHeight: h } = this.studio.canvas;
-    if (j < 0) return null;
-    const p = f.jointPosition(j).project(this.studio.camera);
-    return [((p.x + 1) / 2) * w, ((1 - p.y) / 2) * h];
+    const f = this.figure, j = f?.joints.indexOf(joint) ?? -1;
+    return j < 0 ? null : this.studio.window(f.jointPosition(j).project(this.studio.camera));
   }
 
   /** Figure that the panels are about: the first with joints. */
@@ -106,11 +108,14 @@ class Page {
     this.figures.clear();
     this.overlays.clear();
     this.arrived = false;
+    this.compare.columns = []; // of figures that are gone
     this.again = Boolean(this.studio.box); // after a reconnection the camera stays
   }
 
   mesh(header, blocks) {
-    const figure = new Figure(header, blocks[header.actor]), overlay = new Overlay(figure);
+    const figure = new Figure(header, blocks[header.actor]);
+    if (header.twin) { this.figures.get(header.twin).twin = figure; return; } // another surface of the same body, for comparing
+    const overlay = new Overlay(figure);
     this.figures.set(figure.name, figure);
     this.overlays.set(figure.name, overlay);
     figure.overlay = overlay;
@@ -118,7 +123,7 @@ class Page {
   }
 
   present(figure) {
-    $("deformer").replaceChildren(...this.hello.deformers.map((n) => new Option(DEFORMER_WORDS[n] ?? n, n)));
+    $("deformer").replaceChildren(...this.hello.deformers.map((n) => new Option(WORDS[n] ?? n, n)));
     $("deformer").value = figure.deformer;
     $("deformer").disabled = !figure.isBody;
     this.explorer.present(figure, this.hello);
@@ -134,8 +139,9 @@ class Page {
         figure.deformer = told;
         if (figure === this.figure) $("deformer").value = told;
       }
-      figure.detail(header.playing && this.mode === "skin" && !pressed("wire") ? this.studio.grain() : 0);
-      figure.update(DEFORMERS.includes(figure.deformer) ? without(blocks[figure.name]) : blocks[figure.name]);
+      const plain = this.mode === "skin" || (this.mode === "stripes" && this.compare.on);
+      figure.detail(header.playing && plain && !pressed("wire") ? this.studio.grain() : 0);
+      figure.update(told === figure.deformer ? blocks[figure.name] : without(blocks[figure.name]));
       if (figure.isBody) {
         const t = figure.travel ?? [0, 0, 0];
         figure.group.position.set(t[0], t[1], t[2]).multiplyScalar(header.round).sub(this.offset);
@@ -158,6 +164,7 @@ class Page {
     this.studio.canvas.classList.remove("empty");
     if (!this.again && [...this.figures.values()].every((f) => !f.triangles.length)) $("bones").setAttribute("aria-pressed", "true"); // else nothing would be seen
     this.looks();
+    this.recall();
   }
 
   // Drawing ---------------------------------------------------------------------------------------------------------
@@ -174,6 +181,8 @@ class Page {
       this.rebase();
     }
     if (this.changed || this.studio.moving) for (const o of this.overlays.values()) o.update((p) => this.studio.pixel(p));
+    if (this.changed) this.compare.update();
+    this.compare.tick(now, this.header.playing);
     if (this.changed) {
       this.explorer.update();
       this.studio.shade([...this.figures.values()].flatMap((f) => f.spheres()));
@@ -306,8 +315,32 @@ class Page {
   setMode(mode) {
     this.mode = this.mode === mode ? "skin" : mode;
     if (this.mode === "weights" && this.selected < 0 && this.figure?.isBody) this.explorer.select(heaviest(this.figure));
-    for (const m of ["weights", "segments"]) $(m).setAttribute("aria-pressed", String(this.mode === m));
+    for (const m of MODES) $(m).setAttribute("aria-pressed", String(this.mode === m));
     this.looks();
+    this.remember();
+  }
+
+  toggleCompare(names) {
+    if (this.compare.on) this.compare.close();
+    else this.compare.open(names);
+    $("compare").setAttribute("aria-pressed", String(this.compare.on));
+    if (!this.compare.on && this.figure) this.figure.undress();
+    this.refresh(this.figure);
+  }
+
+  /** What is compared, and stripes, in the fragment of the address: it opens the same view again. */
+  remember() {
+    const state = new URLSearchParams(location.hash.slice(1)), put = (name, value) => (value ? state.set(name, value) : state.delete(name));
+    put("compare", this.compare.on ? this.compare.names.join(",") : "");
+    put("stripes", this.mode === "stripes" ? "1" : "");
+    history.replaceState(null, "", `#${state}`);
+  }
+
+  recall() {
+    const state = new URLSearchParams(location.hash.slice(1)), names = state.get("compare")?.split(",");
+    if (state.get("stripes") && this.mode !== "stripes") this.setMode("stripes");
+    if (this.compare.on) this.compare.open();
+    else if (names) this.toggleCompare(names);
   }
 
   face() {
@@ -323,7 +356,8 @@ class Page {
     this.chosen = performance.now();
     $("deformer").value = name;
     this.source.deformer(figure.name, name);
-    if (DEFORMERS.includes(name)) { figure.served = null; this.refresh(figure); }
+    figure.served = null; // by itself, until the server's surface of this deformer arrives, if it has one
+    this.refresh(figure);
   }
 
   async savePicture() { download(await this.studio.picture(), `${this.fileName()}.png`); this.changed = true; }
@@ -361,7 +395,7 @@ class Page {
     };
     line.onchange = () => { this.scrubbing = false; };
     for (const id of ["bones", "wire", "sites"]) toggle(id, () => this.looks());
-    for (const id of ["weights", "segments"]) click(id, () => this.setMode(id));
+    for (const id of MODES) click(id, () => this.setMode(id));
     for (const view of ["front", "side", "back", "face"]) click(`view-${view}`, () => studio.fly(view));
     toggle("follow", (on) => { studio.follow = on; });
     click("undo", () => this.history.undo());
@@ -372,6 +406,8 @@ class Page {
     toggle("help", (on) => { keyList($("keys")); $("keys").hidden = !on; });
     $("deformer").onchange = () => this.setDeformer($("deformer").value);
     $("shapes-panel").ontoggle = () => this.explorer.shapes.update();
+    click("compare", () => this.figure && this.toggleCompare());
+    for (const p of document.querySelectorAll(".panel")) p.addEventListener("toggle", () => { if (p.open && narrow()) closePanels(p); });
     const { explorer } = this;
     $("loa").onchange = () => explorer.chooseLevel(Number($("loa").value));
     toggle("arcs", () => explorer.showRanges());
@@ -389,10 +425,10 @@ class Page {
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
-      X: press("reset-shapes"), Backspace: press("unselect"),
+      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
-      Escape: () => { for (const p of document.querySelectorAll(".panel")) p.open = false; if (pressed("help")) $("help").click(); },
+      Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },
     });
     this.bindPointer();
   }
@@ -412,22 +448,21 @@ class Page {
       if (!this.figure || !down || Math.hypot(e.clientX - down[0], e.clientY - down[1]) > 4) return;
       const hit = this.at(e);
       let j = hit?.kind === "joint" ? hit.index : -1;
-      if (j < 0 && (this.mode !== "skin" || $("joints-panel").open)) j = pick(this.figure, e.clientX, e.clientY, camera, canvas.clientWidth, canvas.clientHeight);
+      if (j < 0 && (this.mode !== "skin" || $("joints-panel").open)) j = pick(this.figure, ...this.studio.local(e.clientX, e.clientY).slice(0, 2), camera, ...this.studio.local(e.clientX, e.clientY).slice(2));
       if (hit?.kind === "site") this.explorer.site(hit.index);
       else if (j >= 0) this.explorer.select(j);
     });
   }
 
   at(e) {
-    const { canvas, camera } = this.studio;
-    return this.figure.overlay.nearest(e.clientX, e.clientY, camera, canvas.clientWidth, canvas.clientHeight);
+    const [x, y, w, h] = this.studio.local(e.clientX, e.clientY);
+    return this.figure.overlay.nearest(x, y, this.studio.camera, w, h);
   }
 }
 
-const DEFORMER_WORDS = {
-  linear: "linear", "dual-quaternion": "dual quaternion", log: "log-matrix", "log-pair": "log, pairwise", "log-absolute": "log, as published", hybrid: "hybrid",
-  volume: "volume, no bulge", hand: "hands", contours: "contours",
-};
+const narrow = () => innerWidth <= 480; // a telephone: room for one panel
+const closePanels = (but = null) => { for (const p of document.querySelectorAll(".panel")) if (p !== but) p.open = false; };
+const MODES = ["weights", "segments", "stripes"];
 const pressed = (id) => $(id).getAttribute("aria-pressed") === "true";
 const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers } : blocks);
 

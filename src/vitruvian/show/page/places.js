@@ -86,11 +86,11 @@ export class Beacon {
 
   hide() { this.at = null; this.element.hidden = true; }
 
-  update({ camera, canvas }) {
+  update(studio) {
     if (!this.at) return;
-    this.at(this.p).project(camera);
+    this.at(this.p).project(studio.camera);
     const out = this.p.z > 1 || Math.abs(this.p.x) > 1.05 || Math.abs(this.p.y) > 1.05;
     if (this.element.hidden !== out) this.element.hidden = out;
-    if (!out) this.element.style.transform = `translate(${(((this.p.x + 1) / 2) * canvas.clientWidth).toFixed(1)}px, ${(((1 - this.p.y) / 2) * canvas.clientHeight).toFixed(1)}px)`;
+    if (!out) this.element.style.transform = `translate(${studio.window(this.p).map((x) => `${x.toFixed(1)}px`).join(", ")})`;
   }
 }

@@ -150,6 +150,7 @@ export class Studio {
     this.floor.material.uniforms.strength.value = t.shadow;
     this.cast.material.opacity = name === "dark" ? 0.34 : 0.22;
     this.renderer.toneMappingExposure = t.exposure;
+    this.renderer.setClearColor(t.edge);
     this.stale = true;
   }
 
@@ -177,10 +178,39 @@ export class Studio {
     if (!w || !h) return;
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, STEPS[this.level].dpr));
     this.renderer.setSize(w, h, false);
-    this.camera.aspect = w / h;
+    const cell = this.cells?.[0], aspect = cell ? cell.w / Math.max(cell.h, 1) : w / h;
+    this.camera.aspect = aspect;
     this.camera.updateProjectionMatrix();
-    this.wall.material.uniforms.aspect.value = w / h;
+    this.wall.material.uniforms.aspect.value = aspect;
     this.stale = true;
+  }
+
+  /** Draw in each of `cells` {x, y, w, h in pixels of the window, wear()} instead of once everywhere (null). */
+  divide(cells) {
+    const before = this.narrow;
+    this.cells = cells?.length && cells[0].w > 1 && cells[0].h > 1 ? cells : null;
+    this.resize();
+    const { position } = this.camera, { target } = this.controls;
+    if (this.box) position.sub(target).multiplyScalar(before / this.narrow).add(target); // as much is seen as before
+  }
+
+  /** How much of the height of a figure fits: 1 unless the picture is narrow. Columns leave less room at the sides. */
+  get narrow() {
+    if (!this.cells || !this.box) return Math.min(1, this.camera.aspect / 0.62);
+    const { low, high } = this.box, wide = Math.max(high[0] - low[0], high[2] - low[2]) / Math.max(high[1] - low[1], 0.05);
+    return Math.min(1, this.camera.aspect / Math.min(0.62, Math.max(0.38, 1.1 * wide)));
+  }
+
+  /** [x, y, w, h]: a point of the window within the cell that it is in, or in the whole picture. */
+  local(x, y) {
+    const cell = this.cells?.find((c) => x >= c.x && x <= c.x + c.w && y >= c.y && y <= c.y + c.h) ?? this.cells?.[0];
+    return cell ? [x - cell.x, y - cell.y, cell.w, cell.h] : [x, y, this.canvas.clientWidth, this.canvas.clientHeight];
+  }
+
+  /** Pixel [x, y] of the window of a world point after `project`, in the first cell where there are some. */
+  window({ x, y }) {
+    const { x: left, y: top, w, h } = this.cells?.[0] ?? { x: 0, y: 0, w: this.canvas.clientWidth, h: this.canvas.clientHeight };
+    return [left + ((x + 1) / 2) * w, top + ((1 - y) / 2) * h];
   }
 
   /** Step down when pictures take longer than 1/30 s for a while; the choice is shown, and never silently undone. */
@@ -203,13 +233,13 @@ export class Studio {
   pose(view) {
     const { low, high } = this.box, height = Math.max(high[1] - Math.min(0, low[1]), 0.05);
     const middle = this.followed ?? new THREE.Vector3((low[0] + high[0]) / 2, 0, (low[2] + high[2]) / 2);
-    const half = Math.tan((FOV * Math.PI) / 360), narrow = Math.min(1, this.camera.aspect / 0.62);
+    const half = Math.tan((FOV * Math.PI) / 360);
     if (view === "face") {
       const face = this.head?.() ?? new THREE.Vector3(middle.x, low[1] + 0.93 * height, middle.z);
       return { position: face.clone().add(new THREE.Vector3(0.09, 0.0, 0.66)), target: face };
     }
-    const bars = 1 + 60 / Math.max(this.canvas.clientHeight, 200);
-    const distance = (height * 0.585 * bars) / half / narrow;
+    const bars = this.cells ? 1 : 1 + 60 / Math.max(this.canvas.clientHeight, 200);
+    const distance = (height * 0.585 * bars) / half / this.narrow;
     const turn = { start: 0.5, front: 0, side: Math.PI / 2, back: Math.PI }[view];
     const target = new THREE.Vector3(middle.x, low[1] + 0.475 * height, middle.z);
     const rise = 0.33 * height; // the camera is a little below eye height and looks slightly down
@@ -278,14 +308,17 @@ export class Studio {
   /** Metres that nobody can tell apart: most of a pixel where the figure is nearest. 0 with a graphics processor: draw all. */
   grain() {
     if (!this.software || !(this.near > 0)) return 0;
-    const pixels = this.renderer.domElement.height;
+    const pixels = this.renderer.domElement.height * (this.height / (this.canvas.clientHeight || 1));
     return (GRAIN * 2 * this.near * Math.tan((this.camera.fov * Math.PI) / 360)) / pixels;
   }
 
   /** Metres of a pixel of the window at a world point. */
   pixel(point) {
-    return (2 * this.camera.position.distanceTo(point) * Math.tan((this.camera.fov * Math.PI) / 360)) / (this.canvas.clientHeight || 1);
+    return (2 * this.camera.position.distanceTo(point) * Math.tan((this.camera.fov * Math.PI) / 360)) / (this.height || 1);
   }
+
+  /** Pixels of the window from the bottom to the top of a picture. */
+  get height() { return this.cells?.[0].h ?? this.canvas.clientHeight; }
 
   /** Contact shadow: how much of the sky the spheres [x, y, z, radius] hide from each cell of the floor around us. */
   shade(spheres) {
@@ -341,8 +374,24 @@ export class Studio {
     this.floor.scale.setScalar(reach);
     this.floor.material.uniforms.reach.value = reach;
     this.floor.material.uniforms.middle.value.copy(middle);
-    this.renderer.render(this.scene, this.camera);
+    this.render();
     return true;
+  }
+
+  render() {
+    const { renderer, scene, camera, cells } = this, { clientWidth: w, clientHeight: h } = this.canvas;
+    if (!cells) { renderer.render(scene, camera); return; }
+    renderer.setScissorTest(false);
+    renderer.clear();
+    renderer.setScissorTest(true);
+    for (const cell of cells) {
+      cell.wear();
+      renderer.setViewport(cell.x, h - cell.y - cell.h, cell.w, cell.h);
+      renderer.setScissor(cell.x, h - cell.y - cell.h, cell.w, cell.h);
+      renderer.render(scene, camera);
+    }
+    renderer.setScissorTest(false);
+    renderer.setViewport(0, 0, w, h);
   }
 
   /** A PNG of the present view at full quality. */
