@@ -23,7 +23,8 @@ from vitruvian.modeling.rest import at_rest, hip_reach, rest_matrices, rest_turn
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
 
-HAND = 0.034  # metres from the thigh to the middle of a hand that hangs beside it
+HAND = 0.024  # metres from the thigh to the middle of a hand that hangs beside it
+RAISED = (0.18, 0.06)  # radians by which the source's A pose lifts the collar bones and the shoulder blades
 LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
 
 
@@ -234,9 +235,9 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     names, parents = anatomy.names(), anatomy.parents()
     weights = _weights(assembly.parents, 4)
     # The arms need to know how wide the hips come out; the hips do not need the arms.
-    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0))
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0, raised=RAISED))
     width = hip_reach(assembly.points, weights, {n: i for i, n in enumerate(names)}, centers, matrices)
-    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND))
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND, raised=RAISED))
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}

@@ -4,7 +4,8 @@ thumbs 45 degrees forward, legs straight down, toes forward, every joint rotatio
 Serves the built-in person and, by `vitruvian.modeling.standing`, any body; joints that it lacks turn with their parents.
 
 The upper arms are tilted outward just as far as the hands need to clear the thighs (arms that hang exactly along -Y
-from these shoulders would stand inside the hips).
+from these shoulders would stand inside the hips). Whoever lifts an arm lifts the shoulder with it (Inman et al. 1944):
+where the pose is known to have raised the shoulder girdle, it comes down too.
 
 Method: each bone's present direction is turned onto its direction at rest by the smallest rotation, the twist of the
 arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows by dual
@@ -21,6 +22,7 @@ from vitruvian.body.types import Floats, Ints, Weights
 
 DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
+GIRDLE = ("sternoclavicular", "acromioclavicular")
 MOST_TILT = 0.42  # sine of the largest tilt of an upper arm
 FORWARD = np.array([0.0, 0.0, 1.0])
 
@@ -48,15 +50,18 @@ def rest_turns(
     tips: dict[str, Floats],
     hip_width: float,
     start: Floats | None = None,
+    raised: tuple[float, float] = (0.0, 0.0),
 ) -> Floats:
     """(J,4) world rotation of every joint that brings an A or T pose to rest; `names` are 2.0 names, parents first.
 
     `tips` gives the far end of the last phalanges, by joint name; `hip_width` (m) is how far from the middle plane the
-    hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all).
+    hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all). `raised`: radians by
+    which the pose has lifted the sternoclavicular and the acromioclavicular joints.
     """
     index = {n: i for i, n in enumerate(names)}
     first = rot.IDENTITY if start is None else start
     turn = np.tile(first, (len(names), 1))
+    drawn: dict[str, float] = {}  # metres by which a shoulder has come nearer to the middle
     for i, name in enumerate(names):
         if parents[i] >= 0:
             turn[i] = turn[parents[i]]
@@ -64,22 +69,31 @@ def rest_turns(
         if side not in ("l", "r"):
             continue
 
-        def along(other: str, i: int = i, side: str = side) -> Floats | None:
+        def along(other: str, i: int = i, side: str = side, unit: bool = True) -> Floats | None:
             if other not in tips and f"{side}_{other}" not in index:
                 return None
             end = tips[other] if other in tips else centers[index[f"{side}_{other}"]]
-            return None if np.linalg.norm(end - centers[i]) < 1e-9 else _unit(end - centers[i])
+            if np.linalg.norm(end - centers[i]) < 1e-9:
+                return None
+            return _unit(end - centers[i]) if unit else end - centers[i]
 
-        def swing(direction: Floats | None, wanted: Floats, i: int = i) -> None:
+        def swing(direction: Floats | None, wanted: Floats, i: int = i, half: bool = False) -> None:
             if direction is not None:
-                now = rot.rotate(turn[i], direction)
-                turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
+                by = rot.between(rot.rotate(turn[i], direction), wanted)
+                turn[i] = rot.multiply(_unit(by + rot.IDENTITY) if half else by, turn[i])
 
-        if part == "shoulder" and f"{side}_elbow" in index:
+        if part in GIRDLE:
+            angle = raised[GIRDLE.index(part)] * (-1 if side == "l" else 1)
+            turn[i] = rot.multiply(np.array([0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)]), turn[i])
+            after = along("acromioclavicular" if part == GIRDLE[0] else "shoulder", unit=False)
+            if after is not None:  # a shoulder that comes down comes nearer to the middle
+                moved = rot.rotate(turn[i], after) - rot.rotate(first, after)
+                drawn[side] = drawn.get(side, 0.0) - float(moved[0]) * (1 if side == "l" else -1)
+        elif part == "shoulder" and f"{side}_elbow" in index:
             length = max(float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i])), 1e-9)
             mate = index.get(("r_" if side == "l" else "l_") + part)
             across = 2 * centers[i] if mate is None else centers[i] - centers[mate]
-            half = abs(float(rot.rotate(first, across)[0])) / 2
+            half = abs(float(rot.rotate(first, across)[0])) / 2 - drawn.get(side, 0.0)
             tilt = np.arcsin(np.clip((hip_width - half) / length, 0.0, MOST_TILT))
             outward = np.sin(tilt) * (1 if side == "l" else -1)
             swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
@@ -106,7 +120,7 @@ def rest_turns(
                 turn[i] = rot.multiply(_about_y(-float(np.arctan2(now[0], now[2]))), first)
         elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
             nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
-            swing(along(nexts.get(part, name)), THUMB)
+            swing(along(nexts.get(part, name)), THUMB, half=part != "carpometacarpal_1")  # as a thumb at ease is bent
         elif part.startswith(("metacarpophalangeal", "carpal_")):
             ray = part[-1]
             order = ["metacarpophalangeal", "carpal_proximal_interphalangeal", "carpal_distal_interphalangeal"]
