@@ -120,7 +120,8 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
             "hem": m.above(q, hem),
             "waist": np.where(a > 0.3, -0.3, waist - q[:, 1]),
             "shorts": m.leg(q, 0.74),
-            "trousers": m.leg(q, 1.93),
+            "trousers": m.leg(q, 1.965),
+            "suit": np.minimum.reduce([m.sleeve(q, a, 0.42), m.neck(q) - 0.004, m.leg(q, 0.36)]),
             "shoe": high - q[:, 1] + 0.25 * np.maximum(q[:, 2] - 0.09, 0),
             "lace": np.minimum.reduce(
                 [
@@ -140,8 +141,7 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
     covers["shorts"] = np.minimum(on_body["waist"], on_body["shorts"])
     covers["trousers"] = np.minimum(on_body["waist"], on_body["trousers"])
     covers["shoes"] = on_body["shoe"]
-    arm_body = arm_weight[: len(body)]
-    covers["suit"] = np.minimum.reduce([m.sleeve(body, arm_body, 0.3), m.neck(body) - 0.01, m.leg(body, 0.3)])
+    covers["suit"] = on_body["suit"]
     cloth.fields = fields(p, arm)
 
     top = cloth
@@ -179,6 +179,13 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
         low = f[name][legs.triangles].mean(axis=1)
         pieces = np.where((low > 0.024) & (low < 0.0265), 2, 0)
         out[name] = garment(legs, reference, np.maximum(loose, 0.0015), shade, pieces)
+
+    suit = clip(cloth, "suit")
+    suit = split(suit, "suit", 0.008)
+    band = suit.fields["suit"][suit.triangles].mean(axis=1) < 0.008
+    edge = suit.fields["suit"]
+    loose = 0.0008 + 0.0006 * ramp(0.010 - edge, 0, 0.002)
+    out["suit"] = garment(suit, reference, loose, np.ones(len(edge)), band.astype(int))
 
     shoe = split(split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007), "lace")
     f, q = shoe.fields, shoe.at(reference)

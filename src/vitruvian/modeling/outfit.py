@@ -15,12 +15,13 @@ GARMENTS = {
     "t-shirt": ("top", (0.86, 0.0), 0.85, 24, 0.004),
     "shorts": ("shorts", (1.0, 0.0), 0.8, 10, 0.004),
     "trousers": ("trousers", (1.0, 0.0), 0.8, 10, 0.003),
+    "suit": ("suit", (0.7, 0.0), 0.7, 4, 0.0012),
     "shoes": ("shoes", (0.0, 0.9), 0.6, 6, 0.003),
 }
 OUTFITS: dict[str, tuple[str, ...]] = {
     "t-shirt and shorts": ("shorts", "t-shirt", "shoes"),
     "t-shirt and trousers": ("trousers", "t-shirt", "shoes"),
-    "body suit": (),
+    "body suit": ("suit",),
 }
 COLORS: dict[str, Color] = {
     "white": (0.90, 0.90, 0.88), "grey": (0.45, 0.46, 0.48), "charcoal": (0.20, 0.21, 0.23), "navy": (0.13, 0.18, 0.30),
@@ -34,7 +35,7 @@ MARGIN = 22  # millimetres inside a garment's edge where the skin beneath is lef
 def outfit_colors(
     outfit: str | None, top: str | Color | None, bottom: str | Color | None, shoes: str | Color | None, gender: float
 ) -> dict[str, Color]:
-    """Garments of an outfit, inner first, with their colours. None and "body suit" wear none."""
+    """Garments of an outfit, inner first, with their colours. None wears none: a suit is painted on the skin."""
     if outfit is None:
         return {}
     if outfit not in OUTFITS:
@@ -43,6 +44,7 @@ def outfit_colors(
         "t-shirt": top or ("teal" if gender < 0.5 else "blue"),
         "shorts": bottom or ("navy" if gender < 0.5 else "charcoal"),
         "trousers": bottom or "denim",
+        "suit": top or SUIT,
         "shoes": shoes or "grey",
     }
     return {name: named(chosen[name], COLORS, "colour of " + name) for name in OUTFITS[outfit]}
