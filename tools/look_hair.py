@@ -134,7 +134,7 @@ def cap(points: Array, triangles: Array, ears: Array, lift) -> dict[str, Array]:
         at = m.indptr[:-1][has] + k
         index[has, k], share[has, k] = m.indices[at], m.data[at]
     height = lift(u) * np.clip(cut.fields["line"] / 10, 0.06, 1)
-    shade = np.full(len(p), 0.62) + 0.1 * np.clip(1 - cut.fields["line"] / 12, 0, 1)
+    shade = np.full(len(p), 0.86)
     return {"point": index, "share": share, "offset": u * height[:, None], "triangles": cut.triangles, "shade": shade}
 
 
@@ -167,7 +167,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     away = away * (1 - 0.30 * front) + front * np.array([0.34, 0.0, 0.0])
     away -= start * (away * start).sum(1, keepdims=True)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    reach = np.radians(21 + 17 * top(start) + rng.uniform(-3, 3, len(start)))
+    reach = np.radians(23 + 17 * top(start) + rng.uniform(-4, 4, len(start)))
     t = np.linspace(0, 1, 6)
     d = np.cos(reach[:, None] * t)[..., None] * start[:, None] + np.sin(reach[:, None] * t)[..., None] * away[:, None]
     # Stop at the hairline, unevenly: no edge as if cut with a bowl.
@@ -188,10 +188,10 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     )
     lift = lift * rng.uniform(0.85, 1.12, (len(d), 1)) + 0.0012
     lines = foot.reshape(d.shape) + d * lift[..., None]
-    width = 0.0062 * np.interp(t, [0, 0.25, 0.7, 1], [0.6, 1, 0.8, 0.08]) * rng.uniform(0.7, 1.15, (len(d), 1))
-    shade = rng.uniform(0.84, 1.12, (len(d), 1)) * np.interp(t, [0, 0.5, 1], [0.84, 1.0, 1.06])
+    width = 0.0062 * np.interp(t, [0, 0.25, 0.7, 1], [0.7, 1, 0.7, 0.05]) * rng.uniform(0.6, 1.0, (len(d), 1))
+    shade = rng.uniform(0.95, 1.05, (len(d), 1)) * np.interp(t, [0, 0.5, 1], [0.95, 1.0, 1.0])
     hair = bound(skin, lines, d, width, shade)
-    base = cap(points, triangles, ears, lambda u: 0.0022 + 0.0062 * top(u))
+    base = cap(points, triangles, ears, lambda u: 0.0005 + 0.0018 * top(u))
     return joined([base, hair])
 
 
@@ -206,7 +206,7 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             arc = 32 + u * 118 + layer * 3  # along the parting, from the forehead over the top
             start = np.stack([np.full(count, 0.10 - 0.012 * side), np.sin(np.radians(arc)), np.cos(np.radians(arc))], 1)
             start /= np.linalg.norm(start, axis=1, keepdims=True)
-            final = side * (56 + (180 - 56) * u**0.85) + rng.normal(0, 1.5, count)
+            final = side * (51 + (180 - 51) * u**0.85) + rng.normal(0, 1.5, count)
             fall = direction(final, np.full(count, -2.0) + rng.normal(0, 2, count))
             # The front sweeps back over the temple instead of across the forehead.
             over = direction(side * (42 + 138 * u**0.9), 52 - 30 * u)
@@ -218,7 +218,8 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             # Close to the head where it grows, so that the front shows no edge of a sheet.
             body = 0.004 + 0.0036 * (layer + rng.uniform(-0.5, 0.5, (count, 1)))
             rise = np.array([0.05, 0.35, 0.7, 0.9, 1.0, 1.0, 1.0, 1.0])
-            lift = 0.0015 + rise * (body + np.array([0.0, 0.004, 0.006, 0.007, 0.007, 0.007, 0.008, 0.010]))
+            close = np.interp(u, [0, 0.6], [0.4, 1.0])[:, None]  # the front lies against the temples and cheeks
+            lift = 0.0015 + close * rise * (body + np.array([0.0, 0.004, 0.006, 0.007, 0.007, 0.007, 0.008, 0.010]))
             r = np.linalg.norm(foot.reshape(d.shape) - CENTER, axis=-1)
             r = np.maximum(r, np.minimum(np.roll(r, 1, axis=1), 0.2) - 0.004)
             on_head = CENTER + d * (r + lift)[..., None]
@@ -233,7 +234,7 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             bulge = np.interp(s, [0, 0.35, 0.7, 1], [0.001, 0.003, -0.002, -0.013])
             hang = (
                 end[:, None]
-                + bulge[None, :, None] * flat[:, None]
+                + (bulge - 0.022 * (1 - close) * s)[..., None] * flat[:, None]
                 - (length[:, None] * s)[..., None] * np.array([0, 1, 0])
             )
             lines.append(np.concatenate([on_head, hang], axis=1))
@@ -241,7 +242,7 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             w = np.interp(np.linspace(0, 1, 13), [0, 0.2, 0.8, 1], [0.5, 1, 1, 0.62])
             widths.append(0.0115 * w * rng.uniform(0.7, 1.2, (count, 1)))
             tone = np.interp(np.linspace(0, 1, 13), [0, 0.3, 0.5, 1], [0.84, 1.05, 0.97, 1.04])
-            shades.append(rng.uniform(0.86, 1.12, (count, 1)) * tone * (0.86 + 0.07 * layer))
+            shades.append(rng.uniform(0.90, 1.08, (count, 1)) * tone * (0.86 + 0.07 * layer))
     hair = bound(skin, *(np.concatenate(a) for a in (lines, anchors, widths, shades)))
     return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0035)), hair])
 
@@ -265,7 +266,7 @@ def bun(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
         anchors.append(d)
         facing.append(d)
         widths.append(0.0085 * np.interp(t, [0, 0.2, 0.8, 1], [0.7, 1, 0.9, 0.6]) * rng.uniform(0.8, 1.15, (len(d), 1)))
-        shades.append(rng.uniform(0.87, 1.10, (len(d), 1)) * np.interp(t, [0, 0.4, 1], [0.88, 1.05, 0.9]))
+        shades.append(rng.uniform(0.94, 1.05, (len(d), 1)) * np.interp(t, [0, 0.4, 1], [0.94, 1.02, 0.95]))
     # The knot: ribbons wound about a flattened ball.
     _, _, foot = skin.toward(knot[None])
     middle = foot[0] + knot * 0.021
@@ -285,7 +286,7 @@ def bun(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
     widths.append(np.broadcast_to(0.0105 * np.cos(s * 0.85), (26, 10)))
     shades.append(rng.uniform(0.84, 1.12, (26, 1)) * np.interp(np.cos(s), [0, 1], [0.8, 1.06]))
     hair = bound(skin, *(np.concatenate(a) for a in (lines, anchors, widths, shades, facing)))
-    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0022)), hair])
+    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0010)), hair])
 
 
 def brows(skin: Skin, eye: Array) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from vitruvian.modeling.look import Color, LookPart, looks, named
 GARMENTS = {
     "t-shirt": ("top", (0.86, 0.0), 0.85, 24, 0.004),
     "shorts": ("shorts", (1.0, 0.0), 0.8, 10, 0.004),
-    "trousers": ("trousers", (1.0, 0.0), 0.8, 10, 0.003),
+    "trousers": ("trousers", (1.0, 0.0), 0.8, 40, 0.003),
     "suit": ("suit", (0.7, 0.0), 0.7, 4, 0.0012),
     "shoes": ("shoes", (0.0, 0.9), 0.6, 6, 0.003),
 }
@@ -65,6 +65,23 @@ def vertex_normals(points: Floats, triangles: np.ndarray) -> Floats:
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
 
 
+def _straightened(points: Floats, triangles: np.ndarray, rounds: int = 12) -> Floats:
+    """Points (n,3) with every edge of the cloth smoothed along itself, heights only: a hem does not zigzag."""
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    key = np.sort(edges, axis=1) @ np.array([len(points), 1])
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    rim = edges[first[count == 1]]
+    near = coo_matrix((np.ones(2 * len(rim)), (rim.ravel(), rim[:, ::-1].ravel())), (len(points),) * 2).tocsr()
+    rows = np.unique(rim)
+    near = (diags(1 / np.asarray(near.sum(axis=1)).ravel()[rows]) @ near[rows])[:, rows]
+    height = points[rows, 1]
+    for _ in range(rounds):
+        height = (height + near @ height) / 2
+    out = points.copy()
+    out[rows, 1] = height
+    return out
+
+
 def garment_part(name: str, points: Floats, color: Color) -> LookPart:
     """A garment on a shaped person (points (19158,3), A pose).
 
@@ -93,6 +110,8 @@ def garment_part(name: str, points: Floats, color: Color) -> LookPart:
             turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     fill = np.clip(((smooth - skin) * normal).sum(axis=1), 0, 0.04)
     cloth = skin + normal * fill[:, None] + turned * loose[:, None]
+    if name != "shoes":
+        cloth = _straightened(cloth, surface)
     inner = cloth - turned * hem
     if name == "shoes":
         flat = get("flat").astype(np.float64)
@@ -101,10 +120,10 @@ def garment_part(name: str, points: Floats, color: Color) -> LookPart:
         low = (np.clip((0.085 - (cloth[:, 1] - floor)) / 0.02, 0, 1) * (1 - 0.85 * flat))[:, None]
         drawn, kind = get("vertex").astype(np.int64), get("piece")
         line = np.intersect1d(drawn[kind == 0], drawn[(kind == 1) & ~get("hem")])
-        line = line[cloth[line, 1] < floor + 0.045]
+        line = line[cloth[line, 1] < floor + 0.040]
         for _ in range(14):
             cloth += 0.5 * low * (near @ cloth - cloth)
-            cloth[line, 1] = floor + 0.034
+            cloth[line, 1] = floor + 0.029
         outward = normal * [1, 0, 1]
         for _ in range(6):
             outward = near @ outward
