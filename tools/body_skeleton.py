@@ -159,6 +159,8 @@ def _smooth_thumbs(out: np.ndarray, triangles: np.ndarray, index: dict, reach: i
     rows = np.flatnonzero(amount)
     for _ in range(rounds):
         out[rows] += 0.5 * amount[rows, None] * (near[rows] @ out - out[rows])
+    out[rows] *= out[rows] > 0.004
+    out[rows] /= out[rows].sum(axis=1, keepdims=True)
 
 
 def _hats(s: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -184,7 +184,7 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
     suit = split(suit, "suit", 0.008)
     band = suit.fields["suit"][suit.triangles].mean(axis=1) < 0.008
     edge = suit.fields["suit"]
-    loose = 0.0008 + 0.0006 * ramp(0.010 - edge, 0, 0.002)
+    loose = 0.0016 + 0.0008 * ramp(0.010 - edge, 0, 0.002)
     out["suit"] = garment(suit, reference, loose, np.ones(len(edge)), band.astype(int))
 
     shoe = split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007)
@@ -194,6 +194,6 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
     shade = 1 - 0.10 * (1 - collar)
     pieces = np.where(f["sole"][shoe.triangles].mean(axis=1) > 0, 1, 0)
     out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {
-        "flat": np.clip(f["sole"] / 0.007, 0, 1).astype(np.float32)
+        "flat": (f["sole"] > 0.001).astype(np.uint8)
     }
     return {"garments": out, "covers": covers}

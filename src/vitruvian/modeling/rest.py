@@ -24,11 +24,34 @@ DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
 GIRDLE = ("sternoclavicular", "acromioclavicular")
 MOST_TILT = 0.42  # sine of the largest tilt of an upper arm
+BENT = 0.2  # radians that the last two joints of a thumb at ease may be bent
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 def _unit(v: Floats) -> Floats:
     return v / max(float(np.linalg.norm(v)), 1e-12)
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """(n,3) cross products of rows; NumPy's own is several times slower."""
+    x, y, z = a.T
+    u, v, w = b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+
+
+def _turned(q: Floats, v: Floats) -> Floats:
+    """One direction turned by one unit quaternion."""
+    x, y, z, w = q.tolist()
+    a, b, c = v.tolist()
+    d, e, f = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    return np.array([a + 2 * (y * f - z * e), b + 2 * (z * d - x * f), c + 2 * (x * e - y * d)])
+
+
+def _between(a: Floats, b: Floats) -> Floats:
+    """The smallest turn of one unit direction onto another, as `rotations.between`."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    real = 1 + x * u + y * v + z * w
+    return rot.between(a, b) if real < 1e-6 else _unit(np.array([y * w - z * v, z * u - x * w, x * v - y * u, real]))
 
 
 def _about_y(angle: float) -> Floats:
@@ -77,10 +100,13 @@ def rest_turns(
                 return None
             return _unit(end - centers[i]) if unit else end - centers[i]
 
-        def swing(direction: Floats | None, wanted: Floats, i: int = i, half: bool = False) -> None:
+        def swing(direction: Floats | None, wanted: Floats, i: int = i, spare: float = 0.0) -> None:
             if direction is not None:
-                by = rot.between(rot.rotate(turn[i], direction), wanted)
-                turn[i] = rot.multiply(_unit(by + rot.IDENTITY) if half else by, turn[i])
+                by = _between(_turned(turn[i], direction), wanted)
+                if spare:  # all but that angle
+                    angle = 2 * float(np.arctan2(np.linalg.norm(by[:3]), by[3]))
+                    by = rot.slerp(rot.IDENTITY, by, max(angle - spare, 0.0) / max(angle, 1e-9))
+                turn[i] = rot.multiply(by, turn[i])
 
         if part in GIRDLE:
             angle = raised[GIRDLE.index(part)] * (-1 if side == "l" else 1)
@@ -120,7 +146,7 @@ def rest_turns(
                 turn[i] = rot.multiply(_about_y(-float(np.arctan2(now[0], now[2]))), first)
         elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
             nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
-            swing(along(nexts.get(part, name)), THUMB, half=part != "carpometacarpal_1")  # as a thumb at ease is bent
+            swing(along(nexts.get(part, name)), THUMB, spare=0.0 if part == "carpometacarpal_1" else BENT)
         elif part.startswith(("metacarpophalangeal", "carpal_")):
             ray = part[-1]
             order = ["metacarpophalangeal", "carpal_proximal_interphalangeal", "carpal_distal_interphalangeal"]
@@ -163,11 +189,10 @@ def at_rest(centers: Floats, points: Floats, weights: Weights, matrices: Floats)
     dual = 0.5 * rot.multiply(move, real)
     blend = csr_matrix((weights.weight, weights.joint, weights.row), (len(points), len(matrices)))
     mixed = blend @ np.concatenate([real, dual], axis=1)
-    size = np.linalg.norm(mixed[:, :4], axis=1, keepdims=True)
-    q, d = mixed[:, :4] / size, mixed[:, 4:] / size
-    v, w = q[:, :3], q[:, 3:]
-    turned = points + 2 * np.cross(v, np.cross(v, points) + w * points)
-    shift = 2 * (w * d[:, :3] - d[:, 3:] * v + np.cross(v, d[:, :3]))
+    mixed /= np.sqrt(np.einsum("ij,ij->i", mixed[:, :4], mixed[:, :4]))[:, None]
+    v, w, d = mixed[:, :3], mixed[:, 3:4], mixed[:, 4:]
+    turned = points + 2 * cross(v, cross(v, points) + w * points)
+    shift = 2 * (w * d[:, :3] - d[:, 3:] * v + cross(v, d[:, :3]))
     moved_centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
     return turned + shift, moved_centers
 
