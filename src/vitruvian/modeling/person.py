@@ -25,6 +25,9 @@ from vitruvian.modeling.shape import shaped
 
 HAND = 0.024  # metres from the thigh to the middle of a hand that hangs beside it
 RAISED = (0.18, 0.06)  # radians by which the source's A pose lifts the collar bones and the shoulder blades
+# An arm's weights reach over the shoulder, a thigh's end below the hip; anatomists cut arms off at the armpit and thighs
+# along the groin (de Leva 1996). Factors on the weights by which joints claim triangles for their masses.
+CLAIMS = {"shoulder": 0.4, "hip": 1.5}
 LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
 
 
@@ -218,6 +221,8 @@ def _body_pieces(loa: int) -> Wedges:
     triangles = source.array("triangles")
     weights = (_weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
     shares = weights.toarray()
+    kept = [n for n in anatomy.names() if anatomy.folded(loa)[n] == n]
+    shares *= [CLAIMS.get(n[2:], 1.0) for n in kept]
     owner = np.empty(len(triangles), np.int64)
     for some in np.array_split(np.arange(len(triangles)), 16):
         owner[some] = (shares[triangles[some, 0]] + shares[triangles[some, 1]] + shares[triangles[some, 2]]).argmax(1)
