@@ -193,7 +193,5 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
     loose = 0.0045 + 0.002 * (1 - collar) + 0.0035 * (f["sole"] >= 0)
     shade = 1 - 0.10 * (1 - collar)
     pieces = np.where(f["sole"][shoe.triangles].mean(axis=1) > 0, 1, 0)
-    out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {
-        "flat": (f["sole"] > 0.001).astype(np.uint8)
-    }
+    out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {"flat": (f["sole"] > 0.001).astype(np.uint8)}
     return {"garments": out, "covers": covers}

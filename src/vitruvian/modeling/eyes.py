@@ -104,9 +104,7 @@ def eye_parents() -> csr_matrix:
         rows.append(np.repeat(np.arange(e * n, e * n + n), 3))
         columns.append((best + source.EYES.start + 72 * e).ravel())
         values.append((share / share.sum(axis=1, keepdims=True)).ravel())
-    return csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (2 * n, source.POINTS)
-    )
+    return csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (2 * n, source.POINTS))
 
 
 def eyes_part(points: Floats, iris: Color, seed: int) -> LookPart:

@@ -67,7 +67,7 @@ def parents_of(key: str) -> csr_matrix:
         return csr_matrix((np.ones(len(index)), index, np.arange(len(index) + 1)), (len(index), source.POINTS))
     index, share = looks(f"{key}.point").astype(np.int32), looks(f"{key}.share").astype(np.float64)
     share = share / share.sum(axis=1, keepdims=True)
-    n, k = index.shape
+    n, k = len(index), index.shape[-1]
     return csr_matrix((share.ravel(), index.ravel(), np.arange(0, n * k + 1, k)), (n, source.POINTS))
 
 

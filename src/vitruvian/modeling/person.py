@@ -19,7 +19,7 @@ from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, parents_of, skin_colors
 from vitruvian.modeling.mass import Wedges, part_of, wedges
 from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
-from vitruvian.modeling.rest import at_rest, cross, hip_reach, rest_matrices, rest_turns
+from vitruvian.modeling.rest import at_rest, hip_reach, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
 
@@ -197,8 +197,8 @@ def _weight_matrix() -> csr_matrix:
     joint, weight, point = w.joint, w.weight, w.vertex
     alone = np.full(source.POINTS, -1)
     alone[w.counts == 0] = names.index("skullbase")
-    for side, rows in (("l_", slice(14598, 14670)), ("r_", slice(14670, 14742))):  # eyeballs are rigid
-        alone[rows] = names.index(side + "eyeball_joint")
+    for side, ball in (("l_", slice(14598, 14670)), ("r_", slice(14670, 14742))):  # eyeballs are rigid
+        alone[ball] = names.index(side + "eyeball_joint")
     kept, rigid = alone[point] < 0, np.flatnonzero(alone >= 0)
     values = np.concatenate([weight[kept], np.ones(len(rigid))])
     rows = np.concatenate([point[kept], rigid])
@@ -263,23 +263,20 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
-    body = where[: source.BODY]
-    body += _restored(body, _volume(points[: source.BODY]))
-    shift = -np.array([0.0, where[:, 1].min(), _centroid(body, source.array("triangles"))[2]])
+    change, middle_z = _restored(where[: source.BODY], _faces(points)[2])
+    where[: source.BODY] += change
+    shift = -np.array([0.0, where[:, 1].min(), middle_z])
     return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
 
 
-def _centroid(points: Floats, triangles: Ints) -> Floats:
-    """Centroid of the volume inside a closed surface."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    volume = np.einsum("ij,ij->i", a, cross(b, c))
-    return ((a + b + c) * volume[:, None]).sum(axis=0) / (4 * volume.sum())
-
-
-def _volume(points: Floats) -> float:
-    """Volume of a body, points (13380,3)."""
-    a, b, c = (points[source.array("triangles")[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, cross(b, c))) / 6
+def _faces(points: Floats) -> tuple[list[Floats], Floats, float]:
+    """Of a body whose points come first: the corners (3,27036) of its triangles, twice their areas as vectors
+    (3,27036), and its volume."""
+    rows = np.ascontiguousarray(points[: source.BODY].T)
+    a, b, c = corners = [rows.take(source.array("triangles")[:, k], axis=1) for k in range(3)]
+    u, v = b - a, c - a
+    area = np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+    return corners, area, float(np.einsum("kt,kt->", a, area)) / 6
 
 
 @cache
@@ -293,17 +290,19 @@ def _fleshy() -> tuple[csr_matrix, Floats]:
     return meets, _weight_matrix()[: source.BODY] @ np.array(some, np.float64)
 
 
-def _restored(body: Floats, volume: float) -> Floats:
+def _restored(body: Floats, volume: float) -> tuple[Floats, float]:
     """(13380,3) what gives a re-posed body the volume (m3) that blending has taken where skin folds: a fraction of a
-    millimetre along the normals of trunk, upper arms and thighs."""
+    millimetre along the normals of trunk, upper arms and thighs. Also where the middle of its volume is along Z."""
     meets, amount = _fleshy()
-    a, b, c = (body[source.array("triangles")[:, k]] for k in range(3))
-    area = meets @ cross(b - a, c - a) / 6
+    corners, faces, now = _faces(body)
+    parts = np.einsum("kt,kt->t", corners[0], faces)
+    middle = float((parts * (corners[0][2] + corners[1][2] + corners[2][2])).sum()) / (24 * now)
+    area = np.stack([meets @ row for row in faces], axis=1) / 6
     area += area[source.array("mirror")[: source.BODY]] * [-1, 1, 1]  # quads are split one way on both sides
     area /= 2
     size = np.sqrt(np.einsum("ij,ij->i", area, area))
-    step = (volume - _volume(body)) / float(size @ amount)
-    return (step * amount / np.maximum(size, 1e-12))[:, None] * area
+    step = (volume - now) / float((size * amount).sum())
+    return (step * amount / np.maximum(size, 1e-12))[:, None] * area, middle
 
 
 @lru_cache(maxsize=16)
