@@ -194,7 +194,7 @@ def bones(joints: list[Joint]) -> Floats:
     return np.stack([np.array([j.center for j in joints]), np.array(ends)], axis=1)
 
 
-def filled(points: Floats, pieces: Wedges, bones: Floats) -> tuple[Floats, Floats, Floats]:
+def filled(points: NDArray[np.floating], pieces: Wedges, bones: NDArray[np.floating]) -> tuple[Floats, Floats, Floats]:
     """Volume (n,), integral of x (n,3) and of x x^T (n,3,3) of the pieces of a skin with points (v,3), bones (J,2,3).
 
     Points and bones in single precision are twice as fast and good to 1e-6 for a figure near the origin.
@@ -233,7 +233,7 @@ def enclosed(points: Floats, pieces: Wedges) -> float:
     return float((pieces.sign * _triple(*_corners(points, pieces.triangles))).sum()) / 6
 
 
-def _corners(points: Floats, triangles: Ints) -> list[Floats]:
+def _corners(points: NDArray[np.floating], triangles: Ints) -> list[Floats]:
     """The corners of triangles (t,3) as three arrays (3,t): sums along such rows are fast."""
     rows = np.ascontiguousarray(points.T)
     return [rows.take(triangles[:, k], axis=1) for k in range(3)]
