@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.sparse import coo_matrix, diags
 
 from body_source import Source
 
@@ -120,7 +121,9 @@ def spine_chain(joints: list[dict]) -> list[str]:
     return chain[::-1]
 
 
-def weights(source: Source, joints: list[dict], centres: np.ndarray, points: np.ndarray) -> np.ndarray:
+def weights(
+    source: Source, joints: list[dict], centres: np.ndarray, points: np.ndarray, triangles: np.ndarray
+) -> np.ndarray:
     """(19158, 146) dense: the source's weights carried to H-Anim joints, rows sum to 1 where the source has any."""
     index = {j["name"]: i for i, j in enumerate(joints)}
     table = source.json("rigs/standard/weights.default.json")["weights"]
@@ -132,7 +135,32 @@ def weights(source: Source, joints: list[dict], centres: np.ndarray, points: np.
     out = np.divide(out, sums, out=np.zeros_like(out), where=sums > 0)
     _spread_spine(out, points, centres, joints, index)
     _spread_feet(out, points, centres, index)
+    _smooth_thumbs(out, triangles, index)
     return out
+
+
+def _smooth_thumbs(out: np.ndarray, triangles: np.ndarray, index: dict, reach: int = 6, rounds: int = 16) -> None:
+    """Blur the weights where a thumb meets its hand: the source's web folds over itself once the thumb points forward."""
+    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    near = coo_matrix(
+        (np.ones(2 * len(edges)), (edges.ravel(), edges[:, ::-1].ravel())), shape=(len(out), len(out))
+    ).tocsr()
+    near = diags(1 / np.maximum(np.asarray(near.sum(axis=1)).ravel(), 1)) @ near
+    base = [index[side + joint] for side, _ in SIDES for joint in ("carpometacarpal_1", "metacarpophalangeal_1")]
+    tips = [index[side + "carpal_interphalangeal_1"] for side, _ in SIDES]
+    some = out[:, base].sum(axis=1) > 0.02
+    for _ in range(reach):
+        some |= near @ some > 0
+    amount = some.astype(float)
+    for _ in range(4):
+        amount = (amount + near @ amount) / 2
+    amount *= np.clip(1 - out[:, tips].sum(axis=1), 0, 1)
+    amount[np.diff(near.indptr) == 0] = 0
+    rows = np.flatnonzero(amount)
+    for _ in range(rounds):
+        out[rows] += 0.5 * amount[rows, None] * (near[rows] @ out - out[rows])
+    out[rows] *= out[rows] > 0.004
+    out[rows] /= out[rows].sum(axis=1, keepdims=True)
 
 
 def _hats(s: np.ndarray, nodes: np.ndarray) -> np.ndarray:

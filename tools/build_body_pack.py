@@ -118,7 +118,7 @@ def build(source: Source, joints: list[dict]) -> None:
     base = field(raw)
     centres = centre_matrix(source, joints)
     virtual = base[POINTS:]
-    dense = weights(source, joints, centres @ virtual, raw)
+    dense = weights(source, joints, centres @ virtual, raw, triangles)
     dense[dense < 1e-4] = 0
     sums = dense.sum(axis=1, keepdims=True)
     dense = np.divide(dense, sums, out=np.zeros_like(dense), where=sums > 0)

@@ -39,7 +39,7 @@ class Measures:
 
     def neck(self, p: Array) -> Array:
         """Below a slanted plane: low at the throat, high at the nape."""
-        q = p - np.array([0.0, 0.566, 0.078])
+        q = p - np.array([0.0, 0.555, 0.078])
         return -(q @ np.array([0.0, 0.905, 0.425])) + 0.9 * np.maximum(np.abs(p[:, 0]) - 0.05, 0) * (p[:, 1] < 0.62)
 
     def above(self, p: Array, height: float) -> Array:
@@ -120,19 +120,10 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
             "hem": m.above(q, hem),
             "waist": np.where(a > 0.3, -0.3, waist - q[:, 1]),
             "shorts": m.leg(q, 0.74),
-            "trousers": m.leg(q, 1.93),
+            "trousers": m.leg(q, 1.965),
+            "suit": np.minimum.reduce([m.sleeve(q, a, 0.42), m.neck(q) - 0.004, m.leg(q, 0.36)]),
             "shoe": high - q[:, 1] + 0.25 * np.maximum(q[:, 2] - 0.09, 0),
-            "lace": np.minimum.reduce(
-                [
-                    0.017 - np.abs(np.abs(q[:, 0]) - centers["l_metatarsophalangeal_2"][0]),
-                    0.004 * np.sin(q[:, 2] * 2 * np.pi / 0.019) - 0.0012,
-                    0.5 * (q[:, 2] - 0.035),
-                    high - q[:, 1] + 0.25 * np.maximum(q[:, 2] - 0.09, 0) - 0.010,
-                    0.5 * (0.118 - q[:, 2]),
-                    0.5 * (q[:, 1] - ground - 0.035),
-                ]
-            ),
-            "sole": (ground + 0.016) - q[:, 1],
+            "sole": (ground + 0.014) - q[:, 1],
         }
 
     on_body = fields(body, arm_weight[: len(body)])
@@ -140,8 +131,7 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
     covers["shorts"] = np.minimum(on_body["waist"], on_body["shorts"])
     covers["trousers"] = np.minimum(on_body["waist"], on_body["trousers"])
     covers["shoes"] = on_body["shoe"]
-    arm_body = arm_weight[: len(body)]
-    covers["suit"] = np.minimum.reduce([m.sleeve(body, arm_body, 0.3), m.neck(body) - 0.01, m.leg(body, 0.3)])
+    covers["suit"] = on_body["suit"]
     cloth.fields = fields(p, arm)
 
     top = cloth
@@ -151,24 +141,34 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
         top = split(top, name, level)
     f, q = top.fields, top.at(reference)
     arm_here = top.means @ arm_weight
-    folds = 0.0022 * noise(q, 3, np.array([0.10, 0.22, 0.10])) * ramp(f["neck"], 0.05, 0.15)
+    torso = ramp(f["neck"], 0.05, 0.15) * (1 - ramp(arm_here, 0.2, 0.5))
+    around = np.arctan2(q[:, 0], q[:, 2] - 0.01)
+    wander = 1.4 * noise(q, 3, np.array([0.3, 0.25, 0.3]))
+    # Below the chest the cloth hangs in folds that widen toward the hem; at the waist it is heaped up a little.
+    hang = np.sin(11 * around + wander) * (0.6 + 0.4 * np.sin(4 * around + 1)) * ramp(-f["hem"], -0.26, -0.02)
+    heap = noise(q, 13, np.array([0.22, 0.05, 0.22])) * np.exp(-(((f["hem"] - 0.11) / 0.07) ** 2))
+    folds = 0.0020 * noise(q, 3, np.array([0.10, 0.22, 0.10])) + 0.0058 * hang + 0.0026 * heap
+    folds = folds * torso
     pulls = noise(q @ np.array([[1.0, 0.5, 0], [0, 1, 0], [0.6, 0, 1]]), 5, np.array([0.09, 0.09, 0.3]))
-    near_arm = np.exp(-(((np.abs(q[:, 0]) - 0.16) / 0.05) ** 2 + ((q[:, 1] - 0.44) / 0.07) ** 2))
-    loose = 0.0032 + 0.012 * ramp(-f["hem"], -0.30, 0.0) + 0.008 * ramp(arm_here * (0.12 - f["sleeve"]), 0.0, 0.12)
-    loose = loose * ramp(f["neck"], -0.03, 0.07) + 0.0018 + folds + 0.003 * pulls * near_arm
-    loose += 0.0012 * ramp(0.018 - f["neck"], 0, 0.002)
-    shade = 1 + 0.05 * noise(q, 3, np.array([0.10, 0.22, 0.10])) - 0.12 * near_arm * (pulls < 0)
+    near_arm = np.exp(-(((np.abs(q[:, 0]) - 0.16) / 0.06) ** 2 + ((q[:, 1] - 0.43) / 0.09) ** 2))
+    sleeves = noise(q, 17, np.array([0.05, 0.07, 0.16])) * ramp(arm_here, 0.3, 0.7) * ramp(f["sleeve"], 0.01, 0.05)
+    loose = 0.0032 + 0.012 * ramp(-f["hem"], -0.30, 0.0) + 0.007 * ramp(arm_here * (0.12 - f["sleeve"]), 0.0, 0.12)
+    loose = loose * ramp(f["neck"], -0.03, 0.07) + 0.0018 + folds + 0.0042 * pulls * near_arm + 0.0022 * sleeves
+    loose = np.maximum(loose, 0.002)
+    # The ribbed collar lies closer to the neck than the cloth below it.
+    loose += 0.0012 * ramp(0.018 - f["neck"], 0, 0.002) - 0.0022 * ramp(0.03 - f["neck"], 0, 0.03)
+    shade = 1 + 9 * folds + 0.05 * np.minimum(pulls, 0) * near_arm
     sleeve, neck, low = (f[k][top.triangles].mean(axis=1) for k in ("sleeve", "neck", "hem"))
     pieces = np.where(neck < 0.017, 1, 0)
     pieces[((sleeve > 0.02) & (sleeve < 0.0225)) | ((low > 0.022) & (low < 0.0245))] = 2
-    out["t-shirt"] = garment(top, reference, np.maximum(loose, 0.002), shade, pieces)
+    out["t-shirt"] = garment(top, reference, loose, shade, pieces)
 
     for name in ("shorts", "trousers"):
         legs = clip(clip(cloth, "waist"), name)
         legs = split(split(legs, name, 0.024), name, 0.0265)
         f, q = legs.fields, legs.at(reference)
-        end = 0.011 if name == "shorts" else 0.006
-        loose = 0.002 + 0.004 * ramp(f["waist"], 0.03, 0.15) + end * ramp(-f[name], -0.35, 0.0)
+        end = 0.011 if name == "shorts" else 0.016
+        loose = 0.002 + 0.004 * ramp(f["waist"], 0.03, 0.15) + end * ramp(-f[name], -0.42, -0.05)
         crotch = np.exp(-((q[:, 0] / 0.09) ** 2) - ((q[:, 1] - hem + 0.07) / 0.07) ** 2)
         bends = noise(q, 7, np.array([0.10, 0.20, 0.10])) + (0.8 * noise(q, 9, np.array([0.2, 0.05, 0.2])) * crotch)
         if name == "trousers":
@@ -180,14 +180,18 @@ def clothes(quads: Array, reference: Array, arm_weight: Array, centers: dict[str
         pieces = np.where((low > 0.024) & (low < 0.0265), 2, 0)
         out[name] = garment(legs, reference, np.maximum(loose, 0.0015), shade, pieces)
 
-    shoe = split(split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007), "lace")
+    suit = clip(cloth, "suit")
+    suit = split(suit, "suit", 0.008)
+    band = suit.fields["suit"][suit.triangles].mean(axis=1) < 0.008
+    edge = suit.fields["suit"]
+    loose = 0.0016 + 0.0008 * ramp(0.010 - edge, 0, 0.002)
+    out["suit"] = garment(suit, reference, loose, np.ones(len(edge)), band.astype(int))
+
+    shoe = split(split(clip(cloth, "shoe"), "sole"), "sole", 0.007)
     f, q = shoe.fields, shoe.at(reference)
     collar = ramp(f["shoe"], 0.0, 0.02)
     loose = 0.0045 + 0.002 * (1 - collar) + 0.0035 * (f["sole"] >= 0)
     shade = 1 - 0.10 * (1 - collar)
     pieces = np.where(f["sole"][shoe.triangles].mean(axis=1) > 0, 1, 0)
-    pieces[f["lace"][shoe.triangles].mean(axis=1) > 0] = 1
-    out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {
-        "flat": np.clip(f["sole"] / 0.007, 0, 1).astype(np.float32)
-    }
+    out["shoes"] = garment(shoe, reference, loose, shade, pieces) | {"flat": (f["sole"] > 0.001).astype(np.uint8)}
     return {"garments": out, "covers": covers}

@@ -66,42 +66,41 @@ class Skin:
         return self.hit(CENTER + 0.4 * d, -d)
 
 
-def strips(center: Array, across: Array, width: Array, raised: Array, out: Array) -> tuple[Array, Array]:
-    """Ribbons with a ridge: center (s,n,3), across (s,n,3) units, width (s,n), raised (s,n) along out (s,n,3).
-
-    Returns vertices (s*n*3, 3) and triangles.
-    """
+def strips(center: Array, across: Array, width: Array) -> tuple[Array, Array]:
+    """Flat ribbons: center (s,n,3), across (s,n,3) units, width (s,n). Returns vertices (s*n*2, 3) and triangles."""
     s, n, _ = center.shape
     half = across * (width / 2)[..., None]
-    rows = np.stack([center - half, center + out * raised[..., None], center + half], axis=2)
-    index = np.arange(s * n * 3).reshape(s, n, 3)
-    quads = []
-    for k in (0, 1):
-        a, b, c, d = index[:, :-1, k], index[:, :-1, k + 1], index[:, 1:, k + 1], index[:, 1:, k]
-        quads += [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    rows = np.stack([center - half, center + half], axis=2)
+    index = np.arange(s * n * 2).reshape(s, n, 2)
+    a, b, c, d = index[:, :-1, 0], index[:, :-1, 1], index[:, 1:, 1], index[:, 1:, 0]
+    quads = [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
     return rows.reshape(-1, 3), np.concatenate(quads).astype(np.int32)
 
 
-def bound(skin: Skin, lines: Array, anchors: Array, width: Array, ridge: float, shade: Array) -> dict[str, Array]:
-    """Ribbons along `lines` (s,n,3), bound to the skin below `anchors` (s,n,3 directions from CENTER)."""
+def bound(
+    skin: Skin, lines: Array, anchors: Array, width: Array, shade: Array, out: Array | None = None
+) -> dict[str, Array]:
+    """Ribbons along `lines` (s,n,3), bound to the skin below `anchors` (s,n,3 directions from CENTER).
+
+    `out` (s,n,3): where they face; None: away from the middle of the head.
+    """
     s, n, _ = lines.shape
     tri, bary, foot = skin.toward(anchors.reshape(-1, 3))
     tangent = np.gradient(lines, axis=1)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-9)
-    out = lines - CENTER
-    out[..., 1] = np.where(lines[..., 1] < CENTER[1], 0, out[..., 1])
-    out /= np.linalg.norm(out, axis=-1, keepdims=True)
+    if out is None:
+        out = lines - CENTER
+        out[..., 1] = np.where(lines[..., 1] < CENTER[1], 0, out[..., 1])
+        out /= np.linalg.norm(out, axis=-1, keepdims=True)
     across = np.cross(out, tangent)
     across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-9)
-    vertices, triangles = strips(lines, across, width, np.full((s, n), ridge) * (width / width.max()), out)
-    offset = vertices - np.repeat(foot, 3, axis=0)
-    lit = np.repeat(shade[..., None], 3, axis=-1) * np.array([0.88, 1.06, 0.88])
+    vertices, triangles = strips(lines, across, width)
     return {
-        "point": np.repeat(tri, 3, axis=0),
-        "share": np.repeat(bary, 3, axis=0),
-        "offset": offset,
+        "point": np.repeat(tri, 2, axis=0),
+        "share": np.repeat(bary, 2, axis=0),
+        "offset": vertices - np.repeat(foot, 2, axis=0),
         "triangles": triangles,
-        "shade": lit.reshape(-1),
+        "shade": np.repeat(shade.reshape(-1), 2),
     }
 
 
@@ -135,7 +134,7 @@ def cap(points: Array, triangles: Array, ears: Array, lift) -> dict[str, Array]:
         at = m.indptr[:-1][has] + k
         index[has, k], share[has, k] = m.indices[at], m.data[at]
     height = lift(u) * np.clip(cut.fields["line"] / 10, 0.06, 1)
-    shade = np.full(len(p), 0.62) + 0.1 * np.clip(1 - cut.fields["line"] / 12, 0, 1)
+    shade = np.full(len(p), 0.86)
     return {"point": index, "share": share, "offset": u * height[:, None], "triangles": cut.triangles, "shade": shade}
 
 
@@ -158,7 +157,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     def top(d: Array) -> Array:
         return np.clip((angles(d)[1] - 25) / 45, 0, 1)
 
-    start = scattered(1250, 2)
+    start = scattered(3000, 2)
     start = start[above_line(start) > 1.0]
     away = start - whorl * (start @ whorl)[:, None]
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
@@ -168,7 +167,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     away = away * (1 - 0.30 * front) + front * np.array([0.34, 0.0, 0.0])
     away -= start * (away * start).sum(1, keepdims=True)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
-    reach = np.radians(21 + 17 * top(start) + rng.uniform(-3, 3, len(start)))
+    reach = np.radians(23 + 17 * top(start) + rng.uniform(-4, 4, len(start)))
     t = np.linspace(0, 1, 6)
     d = np.cos(reach[:, None] * t)[..., None] * start[:, None] + np.sin(reach[:, None] * t)[..., None] * away[:, None]
     # Stop at the hairline, unevenly: no edge as if cut with a bowl.
@@ -187,12 +186,12 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
         * full
         * (0.35 + 0.65 * np.sin(np.pi * (0.15 + 0.62 * t)))
     )
-    lift = lift * rng.uniform(0.72, 1.2, (len(d), 1)) + 0.0012
+    lift = lift * rng.uniform(0.85, 1.12, (len(d), 1)) + 0.0012
     lines = foot.reshape(d.shape) + d * lift[..., None]
-    width = 0.0082 * np.interp(t, [0, 0.25, 0.7, 1], [0.55, 1, 0.85, 0.15]) * rng.uniform(0.7, 1.15, (len(d), 1))
-    shade = rng.uniform(0.72, 1.18, (len(d), 1)) * np.interp(t, [0, 0.5, 1], [0.72, 1.0, 1.12])
-    hair = bound(skin, lines, d, width, 0.0016, shade)
-    base = cap(points, triangles, ears, lambda u: 0.0022 + 0.0062 * top(u))
+    width = 0.0062 * np.interp(t, [0, 0.25, 0.7, 1], [0.7, 1, 0.7, 0.05]) * rng.uniform(0.6, 1.0, (len(d), 1))
+    shade = rng.uniform(0.95, 1.05, (len(d), 1)) * np.interp(t, [0, 0.5, 1], [0.95, 1.0, 1.0])
+    hair = bound(skin, lines, d, width, shade)
+    base = cap(points, triangles, ears, lambda u: 0.0005 + 0.0018 * top(u))
     return joined([base, hair])
 
 
@@ -201,13 +200,13 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
     rng = np.random.default_rng(4)
     t_top = np.linspace(0, 1, 8)
     lines, anchors, widths, shades = [], [], [], []
-    for layer, count in ((0, 60), (1, 60), (2, 44)):
+    for layer, count in ((0, 84), (1, 84), (2, 72)):
         for side in (1, -1):
             u = (np.arange(count) + rng.uniform(0.1, 0.9, count)) / count
             arc = 32 + u * 118 + layer * 3  # along the parting, from the forehead over the top
             start = np.stack([np.full(count, 0.10 - 0.012 * side), np.sin(np.radians(arc)), np.cos(np.radians(arc))], 1)
             start /= np.linalg.norm(start, axis=1, keepdims=True)
-            final = side * (56 + (180 - 56) * u**0.85) + rng.normal(0, 1.5, count)
+            final = side * (51 + (180 - 51) * u**0.85) + rng.normal(0, 1.5, count)
             fall = direction(final, np.full(count, -2.0) + rng.normal(0, 2, count))
             # The front sweeps back over the temple instead of across the forehead.
             over = direction(side * (42 + 138 * u**0.9), 52 - 30 * u)
@@ -216,12 +215,11 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             d = first * (1 - mix) + second * mix
             d /= np.linalg.norm(d, axis=-1, keepdims=True)
             _, _, foot = skin.toward(d.reshape(-1, 3))
-            body = 0.005 + 0.0035 * layer
-            lift = (
-                body
-                + np.array([0.0, 0.004, 0.006, 0.007, 0.007, 0.007, 0.008, 0.010])
-                + rng.normal(0, 0.0011, (count, 1))
-            )
+            # Close to the head where it grows, so that the front shows no edge of a sheet.
+            body = 0.004 + 0.0036 * (layer + rng.uniform(-0.5, 0.5, (count, 1)))
+            rise = np.array([0.05, 0.35, 0.7, 0.9, 1.0, 1.0, 1.0, 1.0])
+            close = np.interp(u, [0, 0.6], [0.4, 1.0])[:, None]  # the front lies against the temples and cheeks
+            lift = 0.0015 + close * rise * (body + np.array([0.0, 0.004, 0.006, 0.007, 0.007, 0.007, 0.008, 0.010]))
             r = np.linalg.norm(foot.reshape(d.shape) - CENTER, axis=-1)
             r = np.maximum(r, np.minimum(np.roll(r, 1, axis=1), 0.2) - 0.004)
             on_head = CENTER + d * (r + lift)[..., None]
@@ -236,39 +234,39 @@ def bob(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
             bulge = np.interp(s, [0, 0.35, 0.7, 1], [0.001, 0.003, -0.002, -0.013])
             hang = (
                 end[:, None]
-                + bulge[None, :, None] * flat[:, None]
+                + (bulge - 0.022 * (1 - close) * s)[..., None] * flat[:, None]
                 - (length[:, None] * s)[..., None] * np.array([0, 1, 0])
             )
             lines.append(np.concatenate([on_head, hang], axis=1))
             anchors.append(np.concatenate([d, np.repeat(d[:, -1:], 5, axis=1)], axis=1))
             w = np.interp(np.linspace(0, 1, 13), [0, 0.2, 0.8, 1], [0.5, 1, 1, 0.62])
-            widths.append(0.0135 * w * rng.uniform(0.75, 1.2, (count, 1)))
-            tone = np.interp(np.linspace(0, 1, 13), [0, 0.3, 0.5, 1], [0.78, 1.1, 0.95, 1.08])
-            shades.append(rng.uniform(0.74, 1.16, (count, 1)) * tone * (0.8 + 0.1 * layer))
-    hair = bound(
-        skin, np.concatenate(lines), np.concatenate(anchors), np.concatenate(widths), 0.0018, np.concatenate(shades)
-    )
-    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0045)), hair])
+            widths.append(0.0115 * w * rng.uniform(0.7, 1.2, (count, 1)))
+            tone = np.interp(np.linspace(0, 1, 13), [0, 0.3, 0.5, 1], [0.84, 1.05, 0.97, 1.04])
+            shades.append(rng.uniform(0.90, 1.08, (count, 1)) * tone * (0.86 + 0.07 * layer))
+    hair = bound(skin, *(np.concatenate(a) for a in (lines, anchors, widths, shades)))
+    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0035)), hair])
 
 
 def bun(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, Array]:
     """Hair drawn back from the hairline to a knot at the back of the head."""
     rng = np.random.default_rng(6)
     knot = direction(np.array(180.0), np.array(34.0))
-    azimuth = np.linspace(-180, 180, 150, endpoint=False) + rng.normal(0, 0.5, 150)
-    azimuth = (azimuth + 180) % 360 - 180
-    lines, anchors, widths, shades = [], [], [], []
+    lines: list[Array] = []
+    anchors, facing, widths, shades = [], [], [], []
     t = np.linspace(0, 1, 10)
-    for layer, above in ((0, 0.8), (1, 14.0)):
+    for layer, above in ((0, 0.8), (1, 8.0), (2, 18.0)):
+        azimuth = np.linspace(-180, 180, 170, endpoint=False) + rng.normal(0, 0.6, 170)
+        azimuth = (azimuth + 180) % 360 - 180
         start = direction(azimuth, np.interp(np.abs(azimuth), LINE[:, 0], LINE[:, 1]) + above)
         d = slerp(start, np.broadcast_to(knot, start.shape), t * 0.97)
         _, _, foot = skin.toward(d.reshape(-1, 3))
-        lift = np.interp(t, [0, 0.15, 0.5, 0.85, 1], [0.0006, 0.003, 0.0055, 0.006, 0.012]) + 0.0015 * layer
-        lift = lift + rng.normal(0, 0.0006, (len(d), 1))
+        lift = np.interp(t, [0, 0.15, 0.5, 0.85, 1], [0.0006, 0.003, 0.0055, 0.006, 0.012]) + 0.0006 * layer
+        lift = lift + rng.normal(0, 0.0003, (len(d), 1))
         lines.append(foot.reshape(d.shape) + d * lift[..., None])
         anchors.append(d)
-        widths.append(0.0095 * np.interp(t, [0, 0.2, 0.8, 1], [0.8, 1, 0.9, 0.6]) * rng.uniform(0.8, 1.15, (len(d), 1)))
-        shades.append(rng.uniform(0.76, 1.14, (len(d), 1)) * np.interp(t, [0, 0.4, 1], [0.85, 1.1, 0.85]))
+        facing.append(d)
+        widths.append(0.0085 * np.interp(t, [0, 0.2, 0.8, 1], [0.7, 1, 0.9, 0.6]) * rng.uniform(0.8, 1.15, (len(d), 1)))
+        shades.append(rng.uniform(0.94, 1.05, (len(d), 1)) * np.interp(t, [0, 0.4, 1], [0.94, 1.02, 0.95]))
     # The knot: ribbons wound about a flattened ball.
     _, _, foot = skin.toward(knot[None])
     middle = foot[0] + knot * 0.021
@@ -284,12 +282,11 @@ def bun(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str, A
     )
     lines.append(middle + ball)
     anchors.append(np.broadcast_to(knot, ball.shape))
+    facing.append(ball / np.linalg.norm(ball, axis=-1, keepdims=True))
     widths.append(np.broadcast_to(0.0105 * np.cos(s * 0.85), (26, 10)))
-    shades.append(rng.uniform(0.74, 1.16, (26, 1)) * np.interp(np.cos(s), [0, 1], [0.75, 1.1]))
-    hair = bound(
-        skin, np.concatenate(lines), np.concatenate(anchors), np.concatenate(widths), 0.0013, np.concatenate(shades)
-    )
-    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0022)), hair])
+    shades.append(rng.uniform(0.84, 1.12, (26, 1)) * np.interp(np.cos(s), [0, 1], [0.8, 1.06]))
+    hair = bound(skin, *(np.concatenate(a) for a in (lines, anchors, widths, shades, facing)))
+    return joined([cap(points, triangles, ears, lambda d: np.full(len(d), 0.0010)), hair])
 
 
 def brows(skin: Skin, eye: Array) -> dict[str, Array]:
@@ -301,7 +298,7 @@ def brows(skin: Skin, eye: Array) -> dict[str, Array]:
         u = np.sort(rng.uniform(0, 1, n))
         v = rng.uniform(-1, 1, n)
         x = -0.0165 + u * 0.0425
-        y = 0.0175 + 0.0070 * np.sin(np.pi * np.minimum(u * 0.82, 1)) - 0.006 * np.maximum(u - 0.62, 0) / 0.38
+        y = 0.0130 + 0.0066 * np.sin(np.pi * np.minimum(u * 0.82, 1)) - 0.006 * np.maximum(u - 0.62, 0) / 0.38
         thick = np.interp(u, [0, 0.15, 0.6, 1], [0.0030, 0.0042, 0.0034, 0.0009])
         root = np.stack([x, y + v * thick], 1)
         lean = np.radians(np.interp(u, [0, 0.2, 0.5, 1], [64, 38, 14, -16]) - 18 * v + rng.normal(0, 6, n))

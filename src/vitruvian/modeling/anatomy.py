@@ -111,7 +111,8 @@ def add_masses(joints: dict[str, Joint], points: Floats, pieces: mass.Wedges) ->
     """Set mass, centre of mass and inertia of every Segment from the bare body (its `points` and how it is cut, one
     piece per joint) and answer the whole mass, kg: the volume of the body times its density.
     """
-    volume, first, second = mass.filled(points, pieces, mass.bones(list(joints.values())))
+    single = mass.bones(list(joints.values())).astype(np.float32)
+    volume, first, second = mass.filled(points.astype(np.float32), pieces, single)
     whole = mass.enclosed(points, pieces)
     density = whole * mass.DENSITY / volume[volume > 0].sum()
     for joint, m in zip(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -29,6 +31,7 @@ RINGS = [
 RINGS += [(LIMBUS, 2), (28.5, 2), (33.0, 2), (40.0, 2), (50.0, 2), (65.0, 2), (85.0, 2), (110.0, 2)]
 
 
+@cache
 def _template() -> tuple[Floats, Floats, Floats]:
     """Directions (n,3), radii (n,) and triangles of an eye that looks along +Z."""
     theta = np.radians([t for t, _ in RINGS])
@@ -75,16 +78,22 @@ def _colors(iris: Color, seed: int) -> Floats:
     return np.clip(out.reshape(-1, 3), 0, 1)
 
 
-def eyes_part(points: Floats, iris: Color, seed: int) -> LookPart:
-    """Both eyes in the sockets of a shaped person (points (19158,3), A pose)."""
-    directions, radii, triangles = _template()
-    n = len(directions)
+def _balls(points: Floats) -> tuple[Floats, Floats, Floats]:
+    """Of the source's eyes: points (2,72,3), middle (2,3) and radius (2,)."""
     old = points[source.EYES].reshape(2, 72, 3)
     low, high = old.min(axis=1), old.max(axis=1)
     size = (high - low)[:, :2].mean(axis=1) / 2
     middle = (low + high) / 2
     middle[:, 2] = low[:, 2] + size
-    vertices = middle[:, None] + size[:, None, None] * (directions * radii[:, None])
+    return old, middle, size
+
+
+@cache
+def eye_parents() -> csr_matrix:
+    """(n, 19158) the source's eye points that each vertex of both eyes goes with, see `look.parents_of`."""
+    directions, _, _ = _template()
+    n = len(directions)
+    old, middle, _ = _balls(source.points())
     rows, columns, values = [], [], []
     for e in range(2):
         toward = old[e] - middle[e]
@@ -95,9 +104,14 @@ def eyes_part(points: Floats, iris: Color, seed: int) -> LookPart:
         rows.append(np.repeat(np.arange(e * n, e * n + n), 3))
         columns.append((best + source.EYES.start + 72 * e).ravel())
         values.append((share / share.sum(axis=1, keepdims=True)).ravel())
-    parents = csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (2 * n, source.POINTS)
-    )
+    return csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (2 * n, source.POINTS))
+
+
+def eyes_part(points: Floats, iris: Color, seed: int) -> LookPart:
+    """Both eyes in the sockets of a shaped person (points (19158,3), A pose)."""
+    directions, radii, triangles = _template()
+    _, middle, size = _balls(points)
+    vertices = middle[:, None] + size[:, None, None] * (directions * radii[:, None])
     colors = np.tile(_colors(iris, seed), (2, 1))
-    both = np.concatenate([triangles, triangles + n]).astype(np.int32)
-    return LookPart("eyes", vertices.reshape(-1, 3), both, colors, parents, roughness=0.08)
+    both = np.concatenate([triangles, triangles + len(directions)]).astype(np.int32)
+    return LookPart("eyes", vertices.reshape(-1, 3), both, colors, "eyes", roughness=0.08)

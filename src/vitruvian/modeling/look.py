@@ -7,7 +7,7 @@ Geometry comes from the pack's `looks.npz` (built by `tools/build_looks.py`); co
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -30,21 +30,45 @@ EYES: dict[str, Color] = {
     "brown": (0.36, 0.21, 0.10), "hazel": (0.44, 0.33, 0.15), "green": (0.32, 0.42, 0.24),
     "blue": (0.30, 0.45, 0.60), "grey": (0.42, 0.47, 0.50),
 }  # fmt: skip
+PLAIN = {"teeth": source.TEETH, "tongue": source.TONGUE}  # parts that the source has as they are
 STYLES = ("short", "bob", "bun", "none")
 
 
 @dataclass(frozen=True, eq=False)
 class LookPart:
-    """One part: `vertices` (n,3) in the A pose, `triangles` (t,3), `colors` (n,3), and `parents` (n, 19158) sparse rows
-    that sum to 1: the source points whose weights and face movements each vertex takes."""
+    """One part: `vertices` (n,3) in the A pose, `triangles` (t,3), `colors` (n,3); `key` says which of the pack's parts
+    it is, and so where its vertices hang, see `parents_of`."""
 
     name: str
     vertices: Floats
     triangles: Ints
     colors: Floats
-    parents: csr_matrix
+    key: str
     roughness: float = 0.5
     double_sided: bool = False
+
+    @property
+    def parents(self) -> csr_matrix:
+        return parents_of(self.key)
+
+
+@cache
+def parents_of(key: str) -> csr_matrix:
+    """(n, 19158) sparse rows that sum to 1: the source points whose weights and face movements each vertex of a part
+    takes. They do not depend on the shape."""
+    from vitruvian.modeling import eyes, outfit
+
+    if key == "eyes":
+        return eyes.eye_parents()
+    if key in outfit.GARMENTS:
+        return outfit.pattern(key).drawn
+    if key in PLAIN:
+        index = np.arange(PLAIN[key].start, PLAIN[key].stop)
+        return csr_matrix((np.ones(len(index)), index, np.arange(len(index) + 1)), (len(index), source.POINTS))
+    index, share = looks(f"{key}.point").astype(np.int32), looks(f"{key}.share").astype(np.float64)
+    share = share / share.sum(axis=1, keepdims=True)
+    n, k = len(index), index.shape[-1]
+    return csr_matrix((share.ravel(), index.ravel(), np.arange(0, n * k + 1, k)), (n, source.POINTS))
 
 
 def named(value: str | Color, table: dict[str, Color], what: str) -> Color:
@@ -95,8 +119,10 @@ def hair_color_at(age: float, color: str | Color | None, tone: float | str) -> C
     return (float(mixed[0]), float(mixed[1]), float(mixed[2]))
 
 
-def waves(points: Floats, length: float, seed: int) -> Floats:
-    """(n,) smooth noise about -1..1 with waves of about `length` metres."""
+@lru_cache(maxsize=32)
+def waves(length: float, seed: int) -> Floats:
+    """(13380,) smooth noise about -1..1 on the reference body with waves of about `length` metres."""
+    points = source.points()[: source.BODY]
     rng = np.random.default_rng(seed)
     out = np.zeros(len(points))
     for _ in range(8):
@@ -107,23 +133,15 @@ def waves(points: Floats, length: float, seed: int) -> Floats:
     return out / 2.8
 
 
-def skin_colors(
-    points: Floats, *, tone: float | str, gender: float, age: float, seed: int, hair: Color | None, suit: Color | None
-) -> Floats:
-    """(13380, 3) colour of each body vertex: lips, nails, flushed cheeks, nose, ears, knuckles, knees, soft mottling.
+def _tint(amount: Floats, factor: tuple[float, float, float]) -> Floats:
+    """(n,3) what colours are multiplied with where `amount` (n,) of a change by `factor` has taken place."""
+    return 1 + amount[:, None] * (np.array(factor) - 1)
 
-    `hair`: the colour that shows through at the scalp, None for a bald head. `suit`: colour of the body suit that is
-    painted where no clothes are worn, None for none.
-    """
-    p = points[: source.BODY]
-    base = tone_color(tone)
-    light = float(base[1])
-    color = np.tile(base, (len(p), 1))
-    warm = np.array([1.06, 0.93, 0.91])
 
-    def tint(amount: Floats, factor: Floats) -> None:
-        color[:] = color * (1 - amount[:, None]) + color * factor * amount[:, None]
-
+@cache
+def _complexion() -> tuple[Floats, Floats]:
+    """Two fields (13380, 3) and (13380,): how flushed cheeks, nose, ears, lids, elbows, knees and knuckles differ from
+    other skin, as factors; and where a beard grows."""
     reference = source.points()[: source.BODY]
     eye = source.points()[source.EYES].reshape(2, 72, 3).mean(axis=1)[0]
     x, y, z = np.abs(reference[:, 0]), reference[:, 1] - eye[1], reference[:, 2]
@@ -132,39 +150,46 @@ def skin_colors(
     def spot(cx: float, cy: float, rx: float, ry: float) -> Floats:
         return np.exp(-(((x - cx) / rx) ** 2) - ((y - cy) / ry) ** 2) * face * (y > -0.16)
 
-    tint(0.55 * spot(0.042, -0.036, 0.020, 0.016), warm)
-    tint(0.60 * spot(0.0, -0.030, 0.012, 0.014), warm)
-    tint(0.30 * spot(0.0, -0.115, 0.018, 0.014), warm)
-    tint(0.45 * mask("ears"), np.array([1.05, 0.88, 0.86]))
-    tint(0.55 * mask("eyelids"), np.array([0.97, 0.87, 0.85]))
-    tint(0.30 * spot(0.030, -0.016, 0.016, 0.006), np.array([0.93, 0.87, 0.90]))
-    stubble = spot(0.0, -0.10, 0.045, 0.030) + spot(0.045, -0.085, 0.020, 0.030)
-    grown = float(np.clip((gender - 0.6) / 0.4, 0, 1) * np.clip((age - 15) / 6, 0, 1))
-    tint(0.22 * grown * np.clip(stubble, 0, 1) * (1 - mask("lips")), np.array([0.80, 0.82, 0.86]))
-    centers = source.array("centres").astype(np.float64) @ source.points()[source.POINTS :]
+    warm = (1.06, 0.93, 0.91)
+    out = _tint(0.55 * spot(0.042, -0.036, 0.020, 0.016), warm)
+    out *= _tint(0.60 * spot(0.0, -0.030, 0.012, 0.014), warm)
+    out *= _tint(0.30 * spot(0.0, -0.115, 0.018, 0.014), warm)
+    out *= _tint(0.45 * mask("ears"), (1.05, 0.88, 0.86))
+    out *= _tint(0.55 * mask("eyelids"), (0.97, 0.87, 0.85))
+    out *= _tint(0.30 * spot(0.030, -0.016, 0.016, 0.006), (0.93, 0.87, 0.90))
     from vitruvian.modeling.anatomy import names
 
-    place = {n: i for i, n in enumerate(names())}
-    for joint, radius, amount in (
-        ("elbow", 0.05, 0.35), ("knee", 0.07, 0.30), ("carpal_proximal_interphalangeal_2", 0.012, 0.4),
-        ("carpal_proximal_interphalangeal_3", 0.012, 0.4), ("carpal_proximal_interphalangeal_4", 0.012, 0.4),
-        ("carpal_proximal_interphalangeal_5", 0.012, 0.4), ("metacarpophalangeal_2", 0.014, 0.25),
-        ("metacarpophalangeal_3", 0.014, 0.25), ("metacarpophalangeal_4", 0.014, 0.25),
-        ("carpal_distal_interphalangeal_2", 0.014, 0.3), ("carpal_distal_interphalangeal_3", 0.014, 0.3),
-        ("carpal_distal_interphalangeal_4", 0.014, 0.3), ("carpal_distal_interphalangeal_5", 0.014, 0.3),
-    ):  # fmt: skip
+    centers = dict(zip(names(), source.array("centres").astype(np.float64) @ source.points()[source.POINTS :]))
+    redder = [("elbow", 0.05, 0.35), ("knee", 0.07, 0.30)]
+    redder += [(f"carpal_proximal_interphalangeal_{ray}", 0.012, 0.4) for ray in (2, 3, 4, 5)]
+    redder += [(f"metacarpophalangeal_{ray}", 0.014, 0.25) for ray in (2, 3, 4)]
+    redder += [(f"carpal_distal_interphalangeal_{ray}", 0.014, 0.3) for ray in (2, 3, 4, 5)]
+    for joint, radius, amount in redder:
         for side in ("l_", "r_"):
-            away = np.linalg.norm(reference - centers[place[side + joint]], axis=1)
-            tint(amount * np.exp(-((away / radius) ** 2)), np.array([1.0, 0.86, 0.82]))
-    color *= (
-        1 + 0.018 * waves(p, 0.05, seed)[:, None] + 0.022 * waves(p, 0.22, seed + 1)[:, None] * np.array([0.5, 1, 1])
-    )
+            away = np.linalg.norm(reference - centers[side + joint], axis=1)
+            out *= _tint(amount * np.exp(-((away / radius) ** 2)), (1.0, 0.86, 0.82))
+    stubble = spot(0.0, -0.10, 0.045, 0.030) + spot(0.045, -0.085, 0.020, 0.030)
+    return out, np.clip(stubble, 0, 1) * (1 - mask("lips"))
+
+
+def skin_colors(
+    *, tone: float | str, gender: float, age: float, seed: int, hair: Color | None, suit: Color | None
+) -> Floats:
+    """(13380, 3) colour of each body vertex: lips, nails, flushed cheeks, nose, ears, knuckles, knees, soft mottling.
+
+    `hair`: the colour that shows through at the scalp, None for a bald head. `suit`: colour of the body suit that is
+    painted where no clothes are worn, None for none.
+    """
+    base = tone_color(tone)
+    fixed, stubble = _complexion()
+    grown = float(np.clip((gender - 0.6) / 0.4, 0, 1) * np.clip((age - 15) / 6, 0, 1))
+    color = base * fixed * _tint(0.22 * grown * stubble, (0.80, 0.82, 0.86))
+    color *= 1 + 0.018 * waves(0.05, seed)[:, None] + 0.022 * waves(0.22, seed + 1)[:, None] * np.array([0.5, 1, 1])
     if age > 50:
-        spots = np.clip(waves(p, 0.022, seed + 2) - 0.8, 0, 1) * min(1.0, (age - 50) / 30)
-        tint(0.5 * spots, np.array([0.86, 0.78, 0.72]))
-    lips = np.array([0.86, 0.56, 0.55]) if light > 0.45 else np.array([1.02, 0.70, 0.68])
-    rosy = 0.72 - 0.25 * gender
-    tint(rosy * np.clip(mask("lips") * 1.25, 0, 1), lips)
+        spots = np.clip(waves(0.022, seed + 2) - 0.8, 0, 1) * min(1.0, (age - 50) / 30)
+        color *= _tint(0.5 * spots, (0.86, 0.78, 0.72))
+    lips = (0.86, 0.56, 0.55) if base[1] > 0.45 else (1.02, 0.70, 0.68)
+    color *= _tint((0.72 - 0.25 * gender) * np.clip(mask("lips") * 1.25, 0, 1), lips)
     inside = mask("inside-mouth")[:, None]
     color = color * (1 - inside) + inside * np.array([0.45, 0.16, 0.15])
     nails = np.clip(np.maximum(mask("fingernails"), mask("toenails")) * 1.2, 0, 1)[:, None]
@@ -179,13 +204,9 @@ def skin_colors(
     return np.clip(color, 0, 1)
 
 
-def bound(key: str, points: Floats, scale: float) -> tuple[Floats, csr_matrix]:
-    """Vertices (n,3) and parents of a part whose vertices are means of source points plus an offset times `scale`."""
-    index, share = looks(f"{key}.point").astype(np.int64), looks(f"{key}.share").astype(np.float64)
-    share = share / share.sum(axis=1, keepdims=True)
-    n, k = index.shape
-    parents = csr_matrix((share.ravel(), (np.repeat(np.arange(n), k), index.ravel())), (n, source.POINTS))
-    return parents @ points + scale * looks(f"{key}.offset"), parents
+def bound(key: str, points: Floats, scale: float) -> Floats:
+    """Vertices (n,3) of a part that are means of source points plus an offset times `scale`."""
+    return parents_of(key) @ points + scale * looks(f"{key}.offset")
 
 
 def head_scale(points: Floats) -> float:
@@ -198,33 +219,32 @@ def head_scale(points: Floats) -> float:
 def hair_part(style: str, points: Floats, color: Color, seed: int) -> LookPart:
     """Hair of a style; strands differ a little in colour."""
     key = f"hair-{style}"
-    vertices, parents = bound(key, points, head_scale(points))
+    vertices = bound(key, points, head_scale(points))
     shade = looks(f"{key}.shade").astype(np.float64)
     colors = np.array(color) * shade[:, None]
     colors += np.clip(shade - 1.0, 0, 1)[:, None] * np.array([0.10, 0.075, 0.05])
     return LookPart(
-        "hair", vertices, looks(f"{key}.triangles").astype(np.int32), np.clip(colors, 0, 1), parents, 0.45, True
+        "hair", vertices, looks(f"{key}.triangles").astype(np.int32), np.clip(colors, 0, 1), key, 0.45, True
     )
 
 
 def fine_part(name: str, points: Floats, color: Color, thickness: float = 1.0) -> LookPart:
     """Brows or lashes. thickness: factor on the width of each brow hair."""
-    vertices, parents = bound(name, points, head_scale(points))
+    vertices = bound(name, points, head_scale(points))
     if thickness != 1.0:  # brow hairs have a left and a right vertex in turn
         pair = vertices.reshape(-1, 2, 3)
         middle = pair.mean(axis=1, keepdims=True)
         vertices = (middle + thickness * (pair - middle)).reshape(-1, 3)
     colors = np.clip(np.array(color) * looks(f"{name}.shade")[:, None], 0, 1)
-    return LookPart(name, vertices, looks(f"{name}.triangles").astype(np.int32), colors, parents, 0.6, True)
+    return LookPart(name, vertices, looks(f"{name}.triangles").astype(np.int32), colors, name, 0.6, True)
 
 
-def source_part(name: str, rows: slice, color: Color, roughness: float, points: Floats) -> LookPart:
+def source_part(name: str, color: Color, roughness: float, points: Floats) -> LookPart:
     """A part that the source has as it is: teeth, tongue."""
-    index = np.arange(rows.start, rows.stop)
-    parents = csr_matrix((np.ones(len(index)), (np.arange(len(index)), index)), (len(index), source.POINTS))
+    rows = PLAIN[name]
     triangles = (source.array(f"{name}_triangles") - rows.start).astype(np.int32)
     back = np.array([0.0, 0.0, -0.006 if name == "teeth" else 0.0])  # the lips do not quite close over them
-    return LookPart(name, points[rows] + back, triangles, np.tile(color, (len(index), 1)), parents, roughness)
+    return LookPart(name, points[rows] + back, triangles, np.tile(color, (rows.stop - rows.start, 1)), name, roughness)
 
 
 def auto_hair(gender: float, age: float) -> str:
@@ -255,8 +275,8 @@ def look_parts(
         eyes_part(points, named(eye_color, EYES, "eye_color"), seed),
         fine_part("brows", points, (float(brow[0]), float(brow[1]), float(brow[2])), 0.85 + 0.4 * gender),
         fine_part("lashes", points, (0.06, 0.045, 0.04)),
-        source_part("teeth", source.TEETH, (0.74, 0.70, 0.63), 0.25, points),
-        source_part("tongue", source.TONGUE, (0.72, 0.36, 0.35), 0.4, points),
+        source_part("teeth", (0.74, 0.70, 0.63), 0.25, points),
+        source_part("tongue", (0.72, 0.36, 0.35), 0.4, points),
     ]
     if hair != "none":
         parts.append(hair_part(hair or auto_hair(gender, age), points, shade, seed))

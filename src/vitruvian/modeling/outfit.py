@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 
@@ -9,18 +12,20 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.modeling import source
 from vitruvian.modeling.look import Color, LookPart, looks, named
+from vitruvian.modeling.rest import cross
 
 # Name -> (title of the shape, second colour as a factor and an addition, roughness, smoothing rounds, hem in metres).
 GARMENTS = {
     "t-shirt": ("top", (0.86, 0.0), 0.85, 24, 0.004),
     "shorts": ("shorts", (1.0, 0.0), 0.8, 10, 0.004),
-    "trousers": ("trousers", (1.0, 0.0), 0.8, 10, 0.003),
+    "trousers": ("trousers", (1.0, 0.0), 0.8, 40, 0.003),
+    "suit": ("suit", (0.7, 0.0), 0.7, 4, 0.0012),
     "shoes": ("shoes", (0.0, 0.9), 0.6, 6, 0.003),
 }
 OUTFITS: dict[str, tuple[str, ...]] = {
     "t-shirt and shorts": ("shorts", "t-shirt", "shoes"),
     "t-shirt and trousers": ("trousers", "t-shirt", "shoes"),
-    "body suit": (),
+    "body suit": ("suit",),
 }
 COLORS: dict[str, Color] = {
     "white": (0.90, 0.90, 0.88), "grey": (0.45, 0.46, 0.48), "charcoal": (0.20, 0.21, 0.23), "navy": (0.13, 0.18, 0.30),
@@ -34,7 +39,7 @@ MARGIN = 22  # millimetres inside a garment's edge where the skin beneath is lef
 def outfit_colors(
     outfit: str | None, top: str | Color | None, bottom: str | Color | None, shoes: str | Color | None, gender: float
 ) -> dict[str, Color]:
-    """Garments of an outfit, inner first, with their colours. None and "body suit" wear none."""
+    """Garments of an outfit, inner first, with their colours. None wears none: a suit is painted on the skin."""
     if outfit is None:
         return {}
     if outfit not in OUTFITS:
@@ -43,6 +48,7 @@ def outfit_colors(
         "t-shirt": top or ("teal" if gender < 0.5 else "blue"),
         "shorts": bottom or ("navy" if gender < 0.5 else "charcoal"),
         "trousers": bottom or "denim",
+        "suit": top or SUIT,
         "shoes": shoes or "grey",
     }
     return {name: named(chosen[name], COLORS, "colour of " + name) for name in OUTFITS[outfit]}
@@ -56,11 +62,49 @@ def hidden_faces(garments: dict[str, Color]) -> np.ndarray:
     return under[source.array("triangles")].all(axis=1)
 
 
-def vertex_normals(points: Floats, triangles: np.ndarray) -> Floats:
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    out = np.stack([sum(np.bincount(triangles[:, k], face[:, i], len(points)) for k in range(3)) for i in range(3)], 1)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """What of a garment does not depend on who wears it. `means` (n, 19158) and `drawn` (v, 19158): the source points
+    that its points and its drawn vertices are means of; `surface` (t,3) of the points; `near` (n,n): the mean of the
+    neighbours; `corners` (n, 3t): 1 at the triangles of a point; `rim`, `along`: the points on edges of the cloth and
+    the mean of their neighbours there."""
+
+    means: csr_matrix
+    drawn: csr_matrix
+    surface: np.ndarray
+    near: csr_matrix
+    corners: csr_matrix
+    rim: np.ndarray
+    along: csr_matrix
+
+
+@cache
+def pattern(name: str) -> Pattern:
+    """The pattern of a garment in `GARMENTS`."""
+    row = looks(f"{name}.row")
+    n = len(row) - 1
+    share = looks(f"{name}.share").astype(np.float64)
+    share /= np.repeat(np.add.reduceat(share, row[:-1]), np.diff(row))
+    means = csr_matrix((share, looks(f"{name}.point").astype(np.int32), row), (n, source.POINTS))
+    surface = looks(f"{name}.surface").astype(np.int32)
+    edges = surface[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    _, first, count = np.unique(np.sort(edges, axis=1) @ np.array([n, 1]), return_index=True, return_counts=True)
+    border = edges[first[count == 1]]
+    rim = np.unique(border)
+    t = np.tile(np.arange(len(surface)), 3)
+    corners = csr_matrix((np.ones(len(t)), (surface.T.ravel(), t)), (n, len(surface)))
+    drawn = means[looks(f"{name}.vertex").astype(np.int64)].tocsr()
+    return Pattern(means, drawn, surface, _neighbours(edges, n), corners, rim, _neighbours(border, n)[rim][:, rim])
+
+
+def _neighbours(edges: np.ndarray, n: int) -> csr_matrix:
+    """(n,n) the mean over the other ends of the edges (e,2) of each point."""
+    near = coo_matrix((np.ones(2 * len(edges)), (edges.ravel(), edges[:, ::-1].ravel())), (n, n)).tocsr()
+    return (diags(1 / np.maximum(np.asarray(near.sum(axis=1)).ravel(), 1)) @ near).tocsr()
+
+
+def _unit(v: Floats, least: float = 1e-12) -> Floats:
+    return v / np.maximum(np.sqrt(np.einsum("ij,ij->i", v, v)), least)[:, None]
 
 
 def garment_part(name: str, points: Floats, color: Color) -> LookPart:
@@ -70,51 +114,51 @@ def garment_part(name: str, points: Floats, color: Color) -> LookPart:
     """
     title, (factor, plus), roughness, rounds, hem = GARMENTS[name]
     get = lambda key: looks(f"{name}.{key}")  # noqa: E731
-    row = get("row")
-    n = len(row) - 1
-    share = get("share").astype(np.float64)
-    share /= np.repeat(np.add.reduceat(share, row[:-1]), np.diff(row))
-    means = csr_matrix((share, get("point").astype(np.int32), row), (n, source.POINTS))
-    surface = get("surface").astype(np.int32)
-    loose = get("loose").astype(np.float64)
-    skin = means @ points
-    normal = vertex_normals(skin, surface)
-    edges = surface[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    near = coo_matrix((np.ones(2 * len(edges)), (edges.ravel(), edges[:, ::-1].ravel())), (n, n)).tocsr()
-    near = diags(1 / np.asarray(near.sum(axis=1)).ravel()) @ near
-    smooth = skin.copy()
-    turned = normal.copy()
+    cut = pattern(name)
+    near = cut.near
+    skin = cut.means @ points
+    a, b, c = (skin[cut.surface[:, k]] for k in range(3))
+    normal = _unit(cut.corners @ cross(b - a, c - a))
+    smooth, turned = skin, normal
     for k in range(rounds):
-        smooth = 0.5 * smooth + 0.5 * (near @ smooth)
+        smooth = 0.5 * (smooth + near @ smooth)
         if k < 8:
-            turned = turned + near @ turned
-            turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+            turned = _unit(turned + near @ turned)
     fill = np.clip(((smooth - skin) * normal).sum(axis=1), 0, 0.04)
-    cloth = skin + normal * fill[:, None] + turned * loose[:, None]
-    inner = cloth - turned * hem
+    cloth = skin + normal * fill[:, None] + turned * get("loose").astype(np.float64)[:, None]
     if name == "shoes":
-        flat = get("flat").astype(np.float64)
-        floor = points[: source.BODY, 1].min() - 0.017
-        # Toes must not show through the cap; the upper meets the sole along a straight line.
-        low = (np.clip((0.085 - (cloth[:, 1] - floor)) / 0.02, 0, 1) * (1 - 0.85 * flat))[:, None]
-        drawn, kind = get("vertex").astype(np.int64), get("piece")
-        line = np.intersect1d(drawn[kind == 0], drawn[(kind == 1) & ~get("hem")])
-        line = line[cloth[line, 1] < floor + 0.045]
-        for _ in range(14):
-            cloth += 0.5 * low * (near @ cloth - cloth)
-            cloth[line, 1] = floor + 0.034
-        outward = normal * [1, 0, 1]
-        for _ in range(6):
-            outward = near @ outward
-        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 0.3)
-        cloth += (0.004 * low + 0.002 * flat[:, None]) * outward
-        cloth[:, 1] = (1 - flat) * cloth[:, 1] + flat * floor
+        cloth = _soled(cloth, normal, points, cut)
+    else:  # an edge is smooth along itself: no hem zigzags
+        edge = cloth[cut.rim]
+        for k in range(12):
+            axes = slice(0, 3) if k < 3 else slice(1, 2)  # heights more than girth, which would shrink
+            edge[:, axes] = (edge[:, axes] + cut.along @ edge[:, axes]) / 2
+        cloth[cut.rim] = edge
+    inner = cloth - turned * hem
     vertex, is_hem = get("vertex").astype(np.int64), get("hem")
     where = np.where(is_hem[:, None], inner[vertex], cloth[vertex])
     second, seam = get("piece") == 1, get("piece") == 2
     shade = get("shade").astype(np.float64)[vertex] * np.where(seam, 0.72, 1.0)
     tint = np.where(second[:, None], np.array(color) * factor + plus, np.array(color))
     colors = np.clip(tint * np.where(is_hem, 0.6 * shade, shade)[:, None], 0, 1)
-    return LookPart(
-        title, where, get("triangles").astype(np.int32), colors, means[vertex].tocsr(), roughness, double_sided=True
-    )
+    return LookPart(title, where, get("triangles").astype(np.int32), colors, name, roughness, double_sided=True)
+
+
+def _soled(cloth: Floats, normal: Floats, points: Floats, cut: Pattern) -> Floats:
+    """Shoes (n,3) with a flat sole, and an upper that meets it along a straight line and does not show the toes."""
+    get = lambda key: looks(f"shoes.{key}")  # noqa: E731
+    flat = get("flat").astype(np.float64)
+    floor = points[: source.BODY, 1].min() - 0.017
+    low = (np.clip((0.085 - (cloth[:, 1] - floor)) / 0.02, 0, 1) * (1 - 0.85 * flat))[:, None]
+    drawn, kind = get("vertex").astype(np.int64), get("piece")
+    line = np.intersect1d(drawn[kind == 0], drawn[(kind == 1) & ~get("hem")])
+    line = line[cloth[line, 1] < floor + 0.040]
+    for _ in range(14):
+        cloth = cloth + 0.5 * low * (cut.near @ cloth - cloth)
+        cloth[line, 1] = floor + 0.029
+    outward = normal * [1, 0, 1]
+    for _ in range(6):
+        outward = cut.near @ outward
+    cloth += (0.004 * low + 0.002 * flat[:, None]) * _unit(outward, 0.3)
+    cloth[:, 1] = (1 - flat) * cloth[:, 1] + flat * floor
+    return cloth

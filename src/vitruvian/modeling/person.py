@@ -6,7 +6,7 @@ Sources: the shape data is the CC0 pack described in NOTICE; names, hierarchy an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,18 @@ from vitruvian.body.types import Floats, Ints, Weights
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
 from vitruvian.modeling import anatomy, source
-from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, skin_colors
-from vitruvian.modeling.mass import Wedges, wedges
+from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, parents_of, skin_colors
+from vitruvian.modeling.mass import Wedges, part_of, wedges
 from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
 from vitruvian.modeling.rest import at_rest, hip_reach, rest_matrices, rest_turns
 from vitruvian.modeling.shape import Shape as Sliders
 from vitruvian.modeling.shape import shaped
 
-HAND = 0.034  # metres from the thigh to the middle of a hand that hangs beside it
+HAND = 0.024  # metres from the thigh to the middle of a hand that hangs beside it
+RAISED = (0.18, 0.06)  # radians by which the source's A pose lifts the collar bones and the shoulder blades
+# An arm's weights reach over the shoulder, a thigh's end below the hip; anatomists cut arms off at the armpit and thighs
+# along the groin (de Leva 1996). Factors on the weights by which joints claim triangles for their masses.
+CLAIMS = {"shoulder": 0.4, "hip": 1.5}
 LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
 
 
@@ -31,11 +35,11 @@ LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
 class Assembly:
     """All points of a dressed person in the A pose: the body's first, then those of every part.
 
-    `parents` (points, 19158): the source points each takes weights and face movements from; rows sum to 1.
+    `keys` are those parts, as `vitruvian.modeling.look.parents_of` knows them.
     """
 
     points: Floats
-    parents: csr_matrix
+    keys: tuple[str, ...]
     shapes: list[Shape]
 
 
@@ -103,18 +107,14 @@ def humanoid_of(
     if stature is not None and abs(stature / tall - 1) < 0.02:
         scale = stature / tall
         where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
-    weights = _weights(assembly.parents, loa)
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
     mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
     anatomy.add_sites(joints, loa, feature_places(where), ends)
-    by_joint = np.argsort(weights.joint, kind="stable")
-    bounds = np.searchsorted(weights.joint[by_joint], np.arange(len(joints) + 1))
-    for joint, a, b in zip(joints.values(), bounds, bounds[1:], strict=False):
-        joint.skin_coord_index = weights.vertex[by_joint[a:b]]
-        joint.skin_coord_weight = weights.weight[by_joint[a:b]]
+    for joint, (index, weight) in zip(joints.values(), _held(assembly.keys, loa), strict=True):
+        joint.skin_coord_index, joint.skin_coord_weight = index.copy(), weight.copy()
     top = joints["skullbase"] if "skullbase" in joints else joints["humanoid_root"]
-    top.displacers = face_displacers(assembly.parents)
+    top.displacers = [Displacer(n, index.copy(), moves.copy()) for n, index, moves in _face_moves(assembly.keys)]
     stature = float(where[body, 1].max() - where[body, 1].min())
     info = {
         "age": f"{sliders.age:g}",
@@ -162,7 +162,7 @@ def assemble(
     who: dict[str, Any] = {"gender": sliders.gender, "age": sliders.age, "tone": tone, "seed": seed}
     parts = look_parts(flesh, hair=hair, hair_color=hair_color, eye_color=eye_color, outfit=dressed, **who)
     shade = None if hair == "none" else hair_color_at(sliders.age, hair_color, tone)
-    skin = skin_colors(flesh, hair=shade, suit=None if dressed else SUIT, **who)
+    skin = skin_colors(hair=shade, suit=None if dressed else SUIT, **who)
     all_points = np.concatenate([points[: source.BODY], *(p.vertices for p in parts)])
     colors = np.concatenate([skin, *(p.colors for p in parts)])
     visible = ~hidden_faces(dressed)
@@ -181,22 +181,29 @@ def assemble(
         material = Material(part.name, tuple(part.colors.mean(axis=0)), part.roughness, double_sided=part.double_sided)
         shapes.append(Shape(part.name, (part.triangles + start).astype(np.int32), colors=colors, material=material))
         start += len(part.vertices)
-    body = eye(source.BODY, source.POINTS, format="csr")
-    return Assembly(all_points, vstack([body, *(p.parents for p in parts)]).tocsr(), shapes)
+    return Assembly(all_points, tuple(p.key for p in parts), shapes)
+
+
+@lru_cache(maxsize=16)
+def _parents(keys: tuple[str, ...]) -> csr_matrix:
+    """(points, 19158): the source points each point of body and parts takes weights and face movements from."""
+    return vstack([eye(source.BODY, source.POINTS, format="csr"), *(parents_of(k) for k in keys)]).tocsr()
 
 
 @cache
 def _weight_matrix() -> csr_matrix:
     """(19158, 146) weights at LOA 4; teeth and eyes ride on their joint, points without weights on the skull."""
-    w = source.weights()
-    matrix = csr_matrix((w.weight, w.joint, w.row), (source.POINTS, len(anatomy.names()))).tolil()
-    skull = anatomy.names().index("skullbase")
-    empty = np.flatnonzero(w.counts == 0)
-    matrix[empty, skull] = 1.0
-    for side, rows in (("l_", range(14598, 14670)), ("r_", range(14670, 14742))):  # eyeballs are rigid
-        matrix[rows.start : rows.stop] = 0
-        matrix[rows.start : rows.stop, anatomy.names().index(side + "eyeball_joint")] = 1.0
-    return matrix.tocsr()
+    w, names = source.weights(), anatomy.names()
+    joint, weight, point = w.joint, w.weight, w.vertex
+    alone = np.full(source.POINTS, -1)
+    alone[w.counts == 0] = names.index("skullbase")
+    for side, ball in (("l_", slice(14598, 14670)), ("r_", slice(14670, 14742))):  # eyeballs are rigid
+        alone[ball] = names.index(side + "eyeball_joint")
+    kept, rigid = alone[point] < 0, np.flatnonzero(alone >= 0)
+    values = np.concatenate([weight[kept], np.ones(len(rigid))])
+    rows = np.concatenate([point[kept], rigid])
+    columns = np.concatenate([joint[kept], alone[rigid]])
+    return csr_matrix((values, (rows, columns)), (source.POINTS, len(names)))
 
 
 @cache
@@ -213,18 +220,34 @@ def _body_pieces(loa: int) -> Wedges:
     """How the bare body falls into one piece per joint: every triangle follows its joint of greatest weight."""
     triangles = source.array("triangles")
     weights = (_weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
-    rows = sum(weights[triangles[:, k]] for k in range(3))
-    owner = np.asarray(rows.argmax(axis=1)).reshape(-1)
-    bone = np.asarray(weights.argmax(axis=1)).reshape(-1)
+    shares = weights.toarray()
+    kept = [n for n in anatomy.names() if anatomy.folded(loa)[n] == n]
+    shares *= [CLAIMS.get(n[2:], 1.0) for n in kept]
+    owner = np.empty(len(triangles), np.int64)
+    for some in np.array_split(np.arange(len(triangles)), 16):
+        owner[some] = (shares[triangles[some, 0]] + shares[triangles[some, 1]] + shares[triangles[some, 2]]).argmax(1)
+    bone = shares.argmax(axis=1)
     return wedges(triangles, owner, bone, weights.shape[1])
 
 
-def _weights(parents: csr_matrix, loa: int) -> Weights:
-    product = (parents @ _weight_matrix() @ _folding(loa)).tocsr()
+@lru_cache(maxsize=16)
+def _weights(keys: tuple[str, ...], loa: int) -> Weights:
+    """Weights of body and parts; rows sum to 1."""
+    product = (_parents(keys) @ _weight_matrix() @ _folding(loa)).tocsr()
     product.sort_indices()
     sums = np.asarray(product.sum(axis=1)).ravel()
     values = product.data / np.repeat(sums, np.diff(product.indptr))
     return Weights(product.indptr, product.indices, values)
+
+
+@lru_cache(maxsize=16)
+def _held(keys: tuple[str, ...], loa: int) -> list[tuple[Ints, Floats]]:
+    """Of every joint the points that it moves and their weights."""
+    weights = _weights(keys, loa)
+    by_joint = np.argsort(weights.joint, kind="stable")
+    bounds = np.searchsorted(weights.joint[by_joint], np.arange(_folding(loa).shape[1] + 1))
+    some = [by_joint[a:b] for a, b in zip(bounds, bounds[1:], strict=False)]
+    return [(weights.vertex[s], weights.weight[s]) for s in some]
 
 
 def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str, Floats]]:
@@ -232,31 +255,62 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     centers = anatomy.centers(points)
     ends = anatomy.ends(points)
     names, parents = anatomy.names(), anatomy.parents()
-    weights = _weights(assembly.parents, 4)
+    weights = _weights(assembly.keys, 4)
     # The arms need to know how wide the hips come out; the hips do not need the arms.
-    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0))
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0, raised=RAISED))
     width = hip_reach(assembly.points, weights, {n: i for i, n in enumerate(names)}, centers, matrices)
-    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND))
+    matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND, raised=RAISED))
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
-    body = where[: source.BODY]
-    shift = -np.array([0.0, where[:, 1].min(), _centroid(body, source.array("triangles"))[2]])
+    change, middle_z = _restored(where[: source.BODY], _faces(points)[2])
+    where[: source.BODY] += change
+    shift = -np.array([0.0, where[:, 1].min(), middle_z])
     return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
 
 
-def _centroid(points: Floats, triangles: Ints) -> Floats:
-    """Centroid of the volume inside a closed surface."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    return ((a + b + c) * volume[:, None]).sum(axis=0) / (4 * volume.sum())
+def _faces(points: Floats) -> tuple[list[Floats], Floats, float]:
+    """Of a body whose points come first: the corners (3,27036) of its triangles, twice their areas as vectors
+    (3,27036), and its volume."""
+    rows = np.ascontiguousarray(points[: source.BODY].T)
+    a, b, c = corners = [rows.take(source.array("triangles")[:, k], axis=1) for k in range(3)]
+    u, v = b - a, c - a
+    area = np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+    return corners, area, float(np.einsum("kt,kt->", a, area)) / 6
 
 
-def face_displacers(parents: csr_matrix) -> list[Displacer]:
-    """The 52 face units as Displacers of the skull; the names carry the standard's suffix `_action`."""
+@cache
+def _fleshy() -> tuple[csr_matrix, Floats]:
+    """(13380, 27036) 1 where a triangle meets a point, and (13380,) how much of a point is trunk, upper arm or thigh."""
+    triangles = source.array("triangles")
+    t = np.tile(np.arange(len(triangles)), 3)
+    meets = csr_matrix((np.ones(len(t)), (triangles.T.ravel(), t)), (source.BODY, len(triangles)))
+    part = part_of(list(anatomy.skeleton(4, np.zeros((len(anatomy.names()), 3))).values()))
+    some = [part[n] in ("trunk", "upper arm", "thigh") for n in anatomy.names()]
+    return meets, _weight_matrix()[: source.BODY] @ np.array(some, np.float64)
+
+
+def _restored(body: Floats, volume: float) -> tuple[Floats, float]:
+    """(13380,3) what gives a re-posed body the volume (m3) that blending has taken where skin folds: a fraction of a
+    millimetre along the normals of trunk, upper arms and thighs. Also where the middle of its volume is along Z."""
+    meets, amount = _fleshy()
+    corners, faces, now = _faces(body)
+    parts = np.einsum("kt,kt->t", corners[0], faces)
+    middle = float((parts * (corners[0][2] + corners[1][2] + corners[2][2])).sum()) / (24 * now)
+    area = np.stack([meets @ row for row in faces], axis=1) / 6
+    area += area[source.array("mirror")[: source.BODY]] * [-1, 1, 1]  # quads are split one way on both sides
+    area /= 2
+    size = np.sqrt(np.einsum("ij,ij->i", area, area))
+    step = (volume - now) / float((size * amount).sum())
+    return (step * amount / np.maximum(size, 1e-12))[:, None] * area, middle
+
+
+@lru_cache(maxsize=16)
+def _face_moves(keys: tuple[str, ...]) -> list[tuple[str, Ints, Floats]]:
+    """The 52 face units as name, points and displacements; the names carry the standard's suffix `_action`."""
     units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
     face = np.unique(np.concatenate([index for index, _ in units.values()]))
-    near = parents[:, face]
+    near = _parents(keys)[:, face]
     rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
     near = near[rows]
     out = []
@@ -264,8 +318,9 @@ def face_displacers(parents: csr_matrix) -> list[Displacer]:
         field = np.zeros((len(face), 3))
         field[np.searchsorted(face, index)] = offset
         moved = near @ field
-        chosen = np.flatnonzero((np.abs(moved) > LEAST_MOVE).any(axis=1))
-        out.append(Displacer(action_name(unit), rows[chosen], moved[chosen]))
+        x, y, z = (np.abs(moved) > LEAST_MOVE).T
+        chosen = np.flatnonzero(x | y | z)
+        out.append((action_name(unit), rows[chosen], moved[chosen]))
     return out
 
 

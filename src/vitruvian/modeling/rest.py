@@ -4,7 +4,8 @@ thumbs 45 degrees forward, legs straight down, toes forward, every joint rotatio
 Serves the built-in person and, by `vitruvian.modeling.standing`, any body; joints that it lacks turn with their parents.
 
 The upper arms are tilted outward just as far as the hands need to clear the thighs (arms that hang exactly along -Y
-from these shoulders would stand inside the hips).
+from these shoulders would stand inside the hips). Whoever lifts an arm lifts the shoulder with it (Inman et al. 1944):
+where the pose is known to have raised the shoulder girdle, it comes down too.
 
 Method: each bone's present direction is turned onto its direction at rest by the smallest rotation, the twist of the
 arm is shared so that the elbow bends forward and the palm faces the thigh, and the surface follows by dual
@@ -21,12 +22,36 @@ from vitruvian.body.types import Floats, Ints, Weights
 
 DOWN = np.array([0.0, -1.0, 0.0])
 THUMB = np.array([0.0, -np.sqrt(0.5), np.sqrt(0.5)])
+GIRDLE = ("sternoclavicular", "acromioclavicular")
 MOST_TILT = 0.42  # sine of the largest tilt of an upper arm
+BENT = 0.2  # radians that the last two joints of a thumb at ease may be bent
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 def _unit(v: Floats) -> Floats:
     return v / max(float(np.linalg.norm(v)), 1e-12)
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """(n,3) cross products of rows; NumPy's own is several times slower."""
+    x, y, z = a.T
+    u, v, w = b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
+
+
+def _turned(q: Floats, v: Floats) -> Floats:
+    """One direction turned by one unit quaternion."""
+    x, y, z, w = q.tolist()
+    a, b, c = v.tolist()
+    d, e, f = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    return np.array([a + 2 * (y * f - z * e), b + 2 * (z * d - x * f), c + 2 * (x * e - y * d)])
+
+
+def _between(a: Floats, b: Floats) -> Floats:
+    """The smallest turn of one unit direction onto another, as `rotations.between`."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    real = 1 + x * u + y * v + z * w
+    return rot.between(a, b) if real < 1e-6 else _unit(np.array([y * w - z * v, z * u - x * w, x * v - y * u, real]))
 
 
 def _about_y(angle: float) -> Floats:
@@ -48,15 +73,18 @@ def rest_turns(
     tips: dict[str, Floats],
     hip_width: float,
     start: Floats | None = None,
+    raised: tuple[float, float] = (0.0, 0.0),
 ) -> Floats:
     """(J,4) world rotation of every joint that brings an A or T pose to rest; `names` are 2.0 names, parents first.
 
     `tips` gives the far end of the last phalanges, by joint name; `hip_width` (m) is how far from the middle plane the
-    hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all).
+    hands must hang to clear the hips. `start` (4,) turns the whole body first (None: not at all). `raised`: radians by
+    which the pose has lifted the sternoclavicular and the acromioclavicular joints.
     """
     index = {n: i for i, n in enumerate(names)}
     first = rot.IDENTITY if start is None else start
     turn = np.tile(first, (len(names), 1))
+    drawn: dict[str, float] = {}  # metres by which a shoulder has come nearer to the middle
     for i, name in enumerate(names):
         if parents[i] >= 0:
             turn[i] = turn[parents[i]]
@@ -64,22 +92,34 @@ def rest_turns(
         if side not in ("l", "r"):
             continue
 
-        def along(other: str, i: int = i, side: str = side) -> Floats | None:
+        def along(other: str, i: int = i, side: str = side, unit: bool = True) -> Floats | None:
             if other not in tips and f"{side}_{other}" not in index:
                 return None
             end = tips[other] if other in tips else centers[index[f"{side}_{other}"]]
-            return None if np.linalg.norm(end - centers[i]) < 1e-9 else _unit(end - centers[i])
+            if np.linalg.norm(end - centers[i]) < 1e-9:
+                return None
+            return _unit(end - centers[i]) if unit else end - centers[i]
 
-        def swing(direction: Floats | None, wanted: Floats, i: int = i) -> None:
+        def swing(direction: Floats | None, wanted: Floats, i: int = i, spare: float = 0.0) -> None:
             if direction is not None:
-                now = rot.rotate(turn[i], direction)
-                turn[i] = rot.multiply(rot.between(now, wanted), turn[i])
+                by = _between(_turned(turn[i], direction), wanted)
+                if spare:  # all but that angle
+                    angle = 2 * float(np.arctan2(np.linalg.norm(by[:3]), by[3]))
+                    by = rot.slerp(rot.IDENTITY, by, max(angle - spare, 0.0) / max(angle, 1e-9))
+                turn[i] = rot.multiply(by, turn[i])
 
-        if part == "shoulder" and f"{side}_elbow" in index:
+        if part in GIRDLE:
+            angle = raised[GIRDLE.index(part)] * (-1 if side == "l" else 1)
+            turn[i] = rot.multiply(np.array([0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)]), turn[i])
+            after = along("acromioclavicular" if part == GIRDLE[0] else "shoulder", unit=False)
+            if after is not None:  # a shoulder that comes down comes nearer to the middle
+                moved = rot.rotate(turn[i], after) - rot.rotate(first, after)
+                drawn[side] = drawn.get(side, 0.0) - float(moved[0]) * (1 if side == "l" else -1)
+        elif part == "shoulder" and f"{side}_elbow" in index:
             length = max(float(np.linalg.norm(centers[index[f"{side}_elbow"]] - centers[i])), 1e-9)
             mate = index.get(("r_" if side == "l" else "l_") + part)
             across = 2 * centers[i] if mate is None else centers[i] - centers[mate]
-            half = abs(float(rot.rotate(first, across)[0])) / 2
+            half = abs(float(rot.rotate(first, across)[0])) / 2 - drawn.get(side, 0.0)
             tilt = np.arcsin(np.clip((hip_width - half) / length, 0.0, MOST_TILT))
             outward = np.sin(tilt) * (1 if side == "l" else -1)
             swing(along("elbow"), np.array([outward, -np.cos(tilt), 0.0]))
@@ -106,7 +146,7 @@ def rest_turns(
                 turn[i] = rot.multiply(_about_y(-float(np.arctan2(now[0], now[2]))), first)
         elif part.endswith("_1") and part.split("_")[0] in ("carpometacarpal", "metacarpophalangeal", "carpal"):
             nexts = {"carpometacarpal_1": "metacarpophalangeal_1", "metacarpophalangeal_1": "carpal_interphalangeal_1"}
-            swing(along(nexts.get(part, name)), THUMB)
+            swing(along(nexts.get(part, name)), THUMB, spare=0.0 if part == "carpometacarpal_1" else BENT)
         elif part.startswith(("metacarpophalangeal", "carpal_")):
             ray = part[-1]
             order = ["metacarpophalangeal", "carpal_proximal_interphalangeal", "carpal_distal_interphalangeal"]
@@ -149,11 +189,10 @@ def at_rest(centers: Floats, points: Floats, weights: Weights, matrices: Floats)
     dual = 0.5 * rot.multiply(move, real)
     blend = csr_matrix((weights.weight, weights.joint, weights.row), (len(points), len(matrices)))
     mixed = blend @ np.concatenate([real, dual], axis=1)
-    size = np.linalg.norm(mixed[:, :4], axis=1, keepdims=True)
-    q, d = mixed[:, :4] / size, mixed[:, 4:] / size
-    v, w = q[:, :3], q[:, 3:]
-    turned = points + 2 * np.cross(v, np.cross(v, points) + w * points)
-    shift = 2 * (w * d[:, :3] - d[:, 3:] * v + np.cross(v, d[:, :3]))
+    mixed /= np.sqrt(np.einsum("ij,ij->i", mixed[:, :4], mixed[:, :4]))[:, None]
+    v, w, d = mixed[:, :3], mixed[:, 3:4], mixed[:, 4:]
+    turned = points + 2 * cross(v, cross(v, points) + w * points)
+    shift = 2 * (w * d[:, :3] - d[:, 3:] * v + cross(v, d[:, :3]))
     moved_centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
     return turned + shift, moved_centers
 

@@ -156,7 +156,7 @@ def textured(s: Samples, pixel: float) -> Samples:
         albedo[skin] *= 1 + blood * np.array([0.45, 1.0, 1.1], np.float32)
         pores = close(0.0016, pixel)
         if pores:
-            normal[skin] = _unit(normal[skin] + np.float32(0.085 * pores) * noise(rest * 640, 3))
+            normal[skin] = _unit(normal[skin] + np.float32(0.05 * pores) * noise(rest * 640, 3))
     cloth = np.flatnonzero(s.kind == KINDS.index("cloth"))
     weave = close(0.002, pixel)
     if cloth.size and weave:
@@ -265,6 +265,8 @@ def _eye(s: Samples, studio: Studio, heading: float) -> Single:
 def _hair(s: Samples, studio: Studio, heading: float) -> Single:
     flat = s.strand - dot(s.strand, s.normal)[:, None] * s.normal
     strand = _unit(flat + 1e-4)
+    # hairs let light through and scatter it on: under other hair it is never quite dark (Zinke et al. 2008)
+    s = replace(s, lit=0.3 + 0.7 * s.lit, sky=0.35 + 0.65 * s.sky)
     out = s.albedo * _dome(s, studio, s.normal)
     for light in studio.lights():
         to = light.towards(heading)
