@@ -260,7 +260,7 @@ class Builder:
         figure.points[""] = coord
         if h.skin_normal is not None and len(h.skin_normal):
             root.fields["skinNormal"] = Node("Normal", container="skinNormal", fields={"vector": h.skin_normal})
-        if not self.native:
+        if not self.native and any(len(j.skin_coord_index) for j in h.joints()):
             self.lost.append("a moving skin: plain VRML97 browsers draw the skin at rest, only H-Anim browsers move it")
 
     def _joint(self, top: Joint, prefix: str, figure: Lists, h: Humanoid) -> Node:
