@@ -73,7 +73,9 @@ def bendy(frames: int = 80, deformer: str = "log") -> Clip:
     turn = np.tile([0.0, 0, 0, 1], (frames, 3, 1))
     for joint, axis, angle in ((1, 2, 0.6 * np.sin(t)), (2, 1, 1 - np.cos(t))):
         turn[:, joint, axis], turn[:, joint, 3] = np.sin(angle / 2), np.cos(angle / 2)
-    return Clip(h, body, Motion(body.skeleton, float(frames), turn, np.zeros((frames, 3)), loop=True, name="wave"), deformer)
+    return Clip(
+        h, body, Motion(body.skeleton, float(frames), turn, np.zeros((frames, 3)), loop=True, name="wave"), deformer
+    )
 
 
 def exact(clip: Clip) -> np.ndarray:

@@ -24,6 +24,7 @@ from vitruvian.motion.types import Motion
 from vitruvian.stage.clip import Clip
 
 TOLERANCE = 0.001  # metres
+_LOOKS = 256  # frames since the last key that are measured once more
 _HELD = 1 << 25  # bytes of deformed points that are held at once
 _MOST = 1 << 25  # numbers of all keys together: about a quarter of a gigabyte of text
 
@@ -81,7 +82,9 @@ def _track(target: str, keys: Floats, values: Floats, frames: int, motion: Motio
 
 def _put(segment: Segment, old: Floats | None, new: Floats) -> None:
     """Other points for a segment, its displacers gone."""
-    segment.shapes = [replace(s, points=new, normals=None, normal_triangles=None) if s.points is old else s for s in segment.shapes]
+    segment.shapes = [
+        replace(s, points=new, normals=None, normal_triangles=None) if s.points is old else s for s in segment.shapes
+    ]
     segment.coord, segment.displacers = new, []
 
 
@@ -182,7 +185,8 @@ def reduced(frames: Iterator[Floats], count: int, tolerance: float) -> tuple[Flo
             continue
         length = len(waiting) + 1
         slope = (frame - kept[-1]) / length
-        if waiting and not ((slope >= low) & (slope <= high)).all() and _off([kept[-1], frame], [*waiting, frame]) > within:
+        outside = bool(waiting) and not ((slope >= low) & (slope <= high)).all()
+        if outside and (length > _LOOKS or _off([kept[-1], frame], [*waiting, frame]) > within):
             close(waiting[-1])
             length, slope = 1, frame - kept[-1]
         room = within / np.sqrt(3) / length
