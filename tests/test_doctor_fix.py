@@ -139,7 +139,13 @@ def test_baking_carries_a_motion_along(flags: list[bool]) -> None:
     h.tracks = []
     joints = ["humanoid_root", "vl5", "IGNORED", "l_shoulder", "l_elbow"]
     place, turn = ("Xposition", "Yposition", "Zposition"), ("Zrotation", "Xrotation", "Yrotation")
-    channels = [place + turn, ("Xrotation",), ("Yrotation",) * 2, (turn[1], turn[0], turn[2], *place), ("Zrotation", place[1])]
+    channels = [
+        place + turn,
+        ("Xrotation",),
+        ("Yrotation",) * 2,
+        (turn[1], turn[0], turn[2], *place),
+        ("Zrotation", place[1]),
+    ]
     values = np.random.default_rng(2).normal(scale=40, size=(6, 17)) * np.where(
         ["position" in c for g in channels for c in g], 0.01, 1.0
     )  # fmt: skip
@@ -159,7 +165,7 @@ def test_baking_carries_a_motion_along(flags: list[bool]) -> None:
 
 
 def test_baking_waits_where_there_is_no_one_answer() -> None:
-    """A Script, an HAnimMotion that scales or does not fit, or a scale of zero on a joint that is not at rest: the finding stays, nothing moves."""
+    """A Script, an HAnimMotion that scales or does not fit, or a scale of zero on a joint that is not at rest."""
     bent = GOOD.replace('name="l_shoulder"', 'name="l_shoulder" rotation="0 0 1 1"')
     script = '<Script DEF="m"><field name="r" type="SFRotation" accessType="outputOnly"/></Script>'
     route = '<ROUTE fromNode="m" fromField="r" toNode="hanim_l_elbow" toField="set_rotation"/></Scene>'

@@ -3,7 +3,8 @@
 The deformer makes the points; keys are left out where linear interpolation between the kept ones stays within a
 tolerance, and numbers are rounded to a fraction of it. Own method: every coordinate keeps the range of slopes that
 passes all frames since the last key within its share of the tolerance, which settles most frames at one look; only
-where a slope leaves its range are all frames since then measured. Source of what is written: ISO/IEC 14772-1, CoordinateInterpolator.
+where a slope leaves its range are all frames since then measured. Source of what is written: ISO/IEC 14772-1,
+CoordinateInterpolator.
 """
 
 from __future__ import annotations
@@ -98,8 +99,10 @@ def _one_skin(humanoid: Humanoid, body: Body) -> tuple[Humanoid, int]:
     shapes = []
     for part in skin.parts:
         some = slice(part.start, part.stop)
-        look = Material(part.name, part.color, part.roughness, part.metallic, part.opacity,
-                        double_sided=part.double_sided)  # fmt: skip
+        look = Material(
+            part.name, part.color, part.roughness, part.metallic, part.opacity, double_sided=part.double_sided
+        )  # fmt: skip
+        look.picture = part.picture
         uv_triangles = None if skin.uv_triangles is None else skin.uv_triangles[some]
         shapes.append(
             Shape(part.name, skin.triangles[some], None, skin.uv, uv_triangles, skin.colors, look,

@@ -273,12 +273,17 @@ def _save_scene(
 def _write_figures(
     humanoids: list[Humanoid], path: Path, extension: str, hanim: str | None, *, draft: bool = False
 ) -> list[str]:
+    from vitruvian.formats.pictures import Addresses, staying
     from vitruvian.hanim.build import scene_of
 
     encoding = "x3dj" if extension == ".json" else extension[1:]
-    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft)
+    addresses = Addresses(path, beside=encoding == "wrl")  # VRML97 browsers know no data URIs
+    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft, address=addresses)
+    if built is humanoids[0].scene:  # it goes back as it came, with the addresses that it has
+        lost += staying(humanoids, path.parent)
+    addresses.write()
     write_scene(built, path)
-    return lost
+    return lost + addresses.lost()
 
 
 def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:

@@ -38,8 +38,10 @@ def _bake(figure: Figure, wanted: Wanted) -> Iterator[str]:
         return
     poses, bent = rest_matrices(figure), {id(j) for j in moved}
     tracks, played = _tracks(figure, poses), rebuilt(figure, poses)
-    if tracks is None or played is None or any(
-        abs(np.linalg.det(m[:3, :3])) < _TINY or np.linalg.det(m[:3, :3]) < 0 for m in poses.values()
+    if (
+        tracks is None
+        or played is None
+        or any(abs(np.linalg.det(m[:3, :3])) < _TINY or np.linalg.det(m[:3, :3]) < 0 for m in poses.values())
     ):
         return  # what drives it, or a scale of zero, leaves no one answer: the finding stays
     _bake_skin(figure, poses)

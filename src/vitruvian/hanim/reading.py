@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, warn
 from vitruvian.hanim.graph import Literal, Node, Proto, Scene
+from vitruvian.hanim.humanoid import Picture
 from vitruvian.hanim.values import bare, parse
 
 Floats = NDArray[np.float64]
@@ -64,6 +65,7 @@ class Reading:
         self.repairs = 0
         self._shared: dict[tuple[int, str], Floats] = {}
         self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
+        self.pictures: dict[int, Picture] = {}  # by texture node
         self._kinds: dict[str, str] = {}
 
     def kind(self, node: Node) -> str:

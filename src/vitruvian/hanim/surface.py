@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from vitruvian.hanim import triangulate
 from vitruvian.hanim.graph import Node
-from vitruvian.hanim.humanoid import Material, Shape
+from vitruvian.hanim.humanoid import Material, Picture, Shape
 from vitruvian.hanim.reading import Reading
 
 Floats = NDArray[np.float64]
@@ -268,8 +269,26 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
         reading.mend(geometry, "texCoordIndex", np.zeros(0, np.int32))
         reading.mend(geometry, "texCoord", None)
         return
-    shape.uv = uv
+    shape.uv = _mapped(reading, shape, uv)
     shape.uv_triangles = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+
+
+def _mapped(reading: Reading, shape: Shape, uv: Floats) -> Floats:
+    """Texture coordinates as the appearance's TextureTransform moves them: S R (uv + T + C) - C (ISO/IEC 19775-1)."""
+    look = shape.material.node
+    found = look.children("textureTransform") if look is not None else []
+    if not found or found[0].type != "TextureTransform":
+        return uv
+    shift, center, size = (
+        reading.vector(found[0], field, default)
+        for field, default in (("translation", (0.0, 0.0)), ("center", (0.0, 0.0)), ("scale", (1.0, 1.0)))
+    )
+    angle = reading.number(found[0], "rotation", 0.0) * reading.angle
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    if not shift.any() and not angle and (size == 1).all():
+        return uv
+    shift, center = shift / reading.length, center / reading.length  # texture coordinates have no unit
+    return ((uv + shift + center) @ turn.T) * size - center
 
 
 def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned: bool) -> None:
@@ -333,6 +352,7 @@ def material(reading: Reading, shape: Node) -> Material:
     appearance = appearances[0]
     nodes = appearance.children("material")
     look = Material(name=appearance.name or (nodes[0].name if nodes else ""), node=appearance)
+    look.picture = _picture(reading, appearance, nodes)
     if not nodes:
         return look
     node = nodes[0]
@@ -349,6 +369,24 @@ def material(reading: Reading, shape: Node) -> Material:
         shininess = min(max(reading.number(node, "shininess", 0.2), 0.0), 1.0)
         look.roughness = float(np.sqrt(2 / (2 + 128 * shininess)))
     return look
+
+
+def _picture(reading: Reading, appearance: Node, materials: list[Node]) -> Picture | None:
+    """The first ImageTexture that colours the surface; nothing is opened."""
+    found = appearance.children("texture")
+    found = [n for t in found for n in (t.children("texture")[:1] if t.type == "MultiTexture" else [t])]
+    for material in materials:
+        found += [n for field in ("diffuseTexture", "baseTexture", "emissiveTexture") for n in material.children(field)]
+    node = next((n for n in found if n.type == "ImageTexture"), None)
+    if node is None:
+        return None
+    if id(node) not in reading.pictures:
+        urls = tuple(u for t in reading.texts(node, "url") if (u := t.strip()))
+        folder = os.path.dirname(os.path.abspath(reading.scene.path)) if reading.scene.path else ""
+        repeat = (reading.flag(node, "repeatS", True), reading.flag(node, "repeatT", True))
+        reading.pictures[id(node)] = Picture(node.name, urls=urls, folder=folder, repeat=repeat, alpha="mask")
+    picture = reading.pictures[id(node)]
+    return picture if picture.urls else None
 
 
 def _color(reading: Reading, node: Node, field: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
