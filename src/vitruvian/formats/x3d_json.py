@@ -60,8 +60,7 @@ def parse_json(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits
     refuse_crowds(path, text, "{", limits.entries + 2 * limits.nodes, "objects")
     with no_collection(), warnings.catch_warnings():
         tree = Tree(path, text, limits=limits, partly=True)
-        failure = tree.failure
-        if failure is not None:
+        if (failure := tree.failure) is not None:
             warnings.simplefilter("ignore")  # what is read now is for whoever tells about the failure
         top = tree.top.items.get("X3D") if isinstance(tree.top, Object) else None
         reader = _Reader(tree, limits)

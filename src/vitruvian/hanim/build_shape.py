@@ -29,9 +29,11 @@ class Names:
 
     def free(self, wanted: str) -> str:
         """`wanted`, made legal, with a number behind it when it is taken."""
-        base = _NOT_NMTOKEN.sub("_", wanted) or "node"
-        if not (base[0].isalpha() or base[0] == "_"):
-            base = "_" + base
+        base = wanted
+        if not (wanted.isidentifier() and wanted.isascii()):
+            base = _NOT_NMTOKEN.sub("_", wanted) or "node"
+            if not (base[0].isalpha() or base[0] == "_"):
+                base = "_" + base
         name, n = base, 2
         while name in self.taken:
             name, n = f"{base}_{n}", n + 1

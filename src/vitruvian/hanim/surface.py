@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ _GROUPS = {"Group", "StaticGroup", "Collision", "Anchor", "Billboard", "CADLayer
 _FLAT = {"IndexedLineSet", "LineSet", "PointSet", "Text"}  # drawn as lines or letters: no surface
 _PRIMITIVES = {"Box", "Sphere", "Cylinder", "Cone"}
 _DEPTH = 512
+_PLACES = {"translation", "center", "rotation", "scale", "scaleOrientation"}
+_COLOURING = {"texture", "diffuseTexture", "baseTexture", "emissiveTexture"}
 
 
 def drawable(node: Node) -> bool:
@@ -27,6 +30,8 @@ def drawable(node: Node) -> bool:
 
 def transform_of(reading: Reading, node: Node) -> Floats:
     """(4, 4) of a Transform's fields: T C R SR S -SR -C, column vectors."""
+    if node.type not in reading.protos and not _PLACES.intersection(node.fields):
+        return np.eye(4)
     return matrix(
         reading.vector(node, "translation", (0, 0, 0)),
         reading.vector(node, "center", (0, 0, 0)),
@@ -38,8 +43,9 @@ def transform_of(reading: Reading, node: Node) -> Floats:
 
 def matrix(translation: Floats, center: Floats, rotation: Floats, scale: Floats, orientation: Floats) -> Floats:
     """(4, 4) T C R SR S -SR -C of the five fields that Transform, Joint, Site and Humanoid share; unit axes."""
-    so = _turn(orientation)
-    linear = _turn(rotation) @ so @ np.diag(scale) @ so.T
+    linear = np.diag(scale) if orientation[3] == 0 else _turn(orientation) @ np.diag(scale) @ _turn(orientation).T
+    if rotation[3] != 0:
+        linear = _turn(rotation) @ linear
     placed = np.eye(4)
     placed[:3, :3] = linear
     placed[:3, 3] = translation + center - linear @ center
@@ -50,9 +56,16 @@ def _turn(rotation: Floats) -> Floats:
     """(3, 3) of a unit axis and angle."""
     if rotation[3] == 0:
         return np.eye(3)
-    x, y, z, angle = rotation
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    x, y, z, angle = rotation.tolist()
+    c, s = math.cos(angle), math.sin(angle)
+    k = 1 - c
+    return np.array(
+        [
+            [c + k * x * x, k * x * y - s * z, k * x * z + s * y],
+            [k * x * y + s * z, c + k * y * y, k * y * z - s * x],
+            [k * x * z - s * y, k * y * z + s * x, c + k * z * z],
+        ]
+    )
 
 
 def shapes(reading: Reading, nodes: list[Node], skin_coord: Node | None = None) -> list[Shape]:
@@ -214,9 +227,9 @@ def _index(reading: Reading, node: Node, field: str, limit: int, separated: bool
     """An index list checked against the number of points; in repair mode faces with a bad index are dropped."""
     index = reading.indices(node, field).astype(np.int64)
     low = -1 if separated else 0
-    bad = (index >= limit) | (index < low)
-    if not bad.any():
+    if not index.size or (index.max() < limit and index.min() >= low):
         return index
+    bad = (index >= limit) | (index < low)
     first = int(np.flatnonzero(bad)[0])
     what = f"{field}: expected indices in 0..{limit - 1}, found {index[first]} at entry {first}"
     reading.broken(f"{reading.who(node)} {what}; check the point list or drop the face", node)
@@ -373,6 +386,8 @@ def material(reading: Reading, shape: Node) -> Material:
 
 def _picture(reading: Reading, appearance: Node, materials: list[Node]) -> Picture | None:
     """The first ImageTexture that colours the surface; nothing is opened."""
+    if not any(_COLOURING.intersection(n.fields) for n in (appearance, *materials)):
+        return None
     found = appearance.children("texture")
     found = [n for t in found for n in (t.children("texture")[:1] if t.type == "MultiTexture" else [t])]
     for material in materials:
@@ -390,5 +405,5 @@ def _picture(reading: Reading, appearance: Node, materials: list[Node]) -> Pictu
 
 
 def _color(reading: Reading, node: Node, field: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
-    value = np.clip(reading.vector(node, field, default), 0.0, 1.0)
-    return (float(value[0]), float(value[1]), float(value[2]))
+    r, g, b = (min(max(v, 0.0), 1.0) for v in reading.vector(node, field, default).tolist())
+    return (r, g, b)

@@ -32,6 +32,7 @@ _COLUMNS = {
 }
 _DOUBLE = {"Double", "Time", *(t for t in _COLUMNS if t.endswith("d"))}
 _INTEGER = {"Int32", "Image"}
+_SINGLE_FLOATS = {*_COLUMNS} - _DOUBLE
 
 _VRML_COMMENT = re.compile(r"#[^\n]*")
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
@@ -59,6 +60,10 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         return None
     if base in _COLUMNS or base in _INTEGER:
         text = _numbers(literal, many)
+        if not many and base in _COLUMNS and len(text) < 80:
+            few = _at_sight(text, _COLUMNS[base])
+            if few is not None:
+                return few[0] if len(few) == 1 else np.array(few)
         if base in _INTEGER:
             return _integers(literal, text, type, path)
         return _floats(literal, text, type, path)
@@ -82,6 +87,18 @@ def value(node: Node, field: str, type: str, default: object = None, path: objec
     if found is None or isinstance(found, Node | Use):
         return default
     return found
+
+
+def _at_sight(text: str, count: int) -> list[float] | None:
+    """That many finite numbers in plain writing, without the cost of arrays; None when they need a closer look."""
+    words = text.split()
+    if len(words) != count or "_" in text or not text.isascii():
+        return None
+    try:
+        numbers = list(map(float, words))
+    except ValueError:
+        return None
+    return numbers if all(v - v == 0 for v in numbers) else None
 
 
 def _short(text: str) -> str:
@@ -334,6 +351,11 @@ def text_of(value: object, type: str, syntax: str) -> str:
             raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
         return text
     vrml, json, base = syntax == "vrml", syntax == "json", type[2:]
+    if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
+        if isinstance(value, float):
+            return _shortest(value)
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
+            return " ".join(map(_shortest, value.tolist()))
     if value is None:
         return "NULL" if vrml else "null" if json else ""
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
@@ -357,9 +379,11 @@ def text_of(value: object, type: str, syntax: str) -> str:
     if json:
         single = len(texts) == 1 and not array.ndim and not type.startswith("MF")
         return texts[0] if single else json_values.listed(texts, n, faces=type == "MFInt32")
+    if not vrml:
+        return " ".join(texts)
     rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
-    text = (", " if vrml and len(rows) > 1 else " ").join(rows)
-    return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
+    text = (", " if len(rows) > 1 else " ").join(rows)
+    return (f"[ {text} ]" if text else "[ ]") if many else text
 
 
 def default_of(type: str, syntax: str) -> str:
