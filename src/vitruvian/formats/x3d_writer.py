@@ -7,8 +7,6 @@ import re
 from collections.abc import Mapping
 from functools import lru_cache
 
-import numpy as np
-
 from vitruvian.formats.atomic import atomic
 from vitruvian.formats.printer import Printer, Step, entries, run
 from vitruvian.formats.scopes import in_sight
@@ -199,7 +197,7 @@ class _XmlPrinter(Printer):
         if not _legal(name):
             self.lose(f"{node.type}.{name}: XML has no attribute of such a name")
             return ""
-        return f" {name}='{text if isinstance(value, np.ndarray) else self.escape(text)}'"
+        return f" {name}='{text if hasattr(value, 'dtype') else self.escape(text)}'"
 
     def contents(self, node: Node, protos: Mapping[str, Proto], depth: int) -> Step:
         """What stands between a node's tags."""

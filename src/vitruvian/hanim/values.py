@@ -11,14 +11,16 @@ import re
 import struct
 from collections.abc import Callable
 from contextlib import suppress
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import json_values
 from vitruvian.hanim.graph import Literal, Node, Use
 from vitruvian.native import parse_floats
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _COLUMNS = {
     **{f"Vec{n}{p}": n for n in (2, 3, 4) for p in "fd"},
@@ -62,8 +64,12 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         text = _numbers(literal, many)
         if not many and base in _COLUMNS and len(text) < 80:
             few = _at_sight(text, _COLUMNS[base])
+            if few is not None and len(few) == 1:
+                return few[0]
             if few is not None:
-                return few[0] if len(few) == 1 else np.array(few)
+                import numpy as np
+
+                return np.array(few)
         if base in _INTEGER:
             return _integers(literal, text, type, path)
         return _floats(literal, text, type, path)
@@ -187,6 +193,8 @@ def _integer(token: str) -> int:
 
 def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float64]:
     """Whole numbers, some with 0x."""
+    import numpy as np
+
     found = []
     for token in _TOKEN.findall(text):
         try:
@@ -200,6 +208,8 @@ def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float6
 
 
 def _integers(literal: Literal, text: str, type: str, path: object) -> object:
+    import numpy as np
+
     if "." in text or "x" in text or "X" in text or "e" in text or "E" in text:  # hexadecimal, or wrong
         array, highest = _hexadecimal(literal, text, path), 2**32 - 1
     else:
@@ -287,6 +297,8 @@ def quote(text: str) -> str:
 
 def shortest(values: NDArray[np.float64]) -> list[str]:
     """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
+    import numpy as np
+
     values = np.asarray(values, np.float64).ravel()
     if values.size <= _FEW:
         return [_shortest(v) for v in values.tolist()]
@@ -331,7 +343,7 @@ def _short_exponent(match: re.Match[str]) -> str:
 
 
 def _double(number: float) -> str:
-    if not np.isfinite(number):
+    if number - number != 0:
         raise VitruvianError("can't write a number that is not finite; look for NaN in the values")
     text = repr(float(number))
     text = text[:-2] if text.endswith(".0") else text
@@ -351,11 +363,6 @@ def text_of(value: object, type: str, syntax: str) -> str:
             raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
         return text
     vrml, json, base = syntax == "vrml", syntax == "json", type[2:]
-    if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
-        if isinstance(value, float):
-            return _shortest(value)
-        if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
-            return " ".join(map(_shortest, value.tolist()))
     if value is None:
         return "NULL" if vrml else "null" if json else ""
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
@@ -366,6 +373,13 @@ def text_of(value: object, type: str, syntax: str) -> str:
             return json_values.listed([json_values.quoted(s) for s in entries])
         strings = " ".join(map(quote, entries))
         return f"[ {strings} ]" if vrml else strings
+    import numpy as np
+
+    if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
+        if isinstance(value, float):
+            return _shortest(value)
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
+            return " ".join(map(_shortest, value.tolist()))
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
