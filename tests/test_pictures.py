@@ -235,7 +235,8 @@ def test_texture_transforms_move_the_coordinates(tmp_path):
     h = dressed(Picture(urls=("cloth.png",), folder=str(tmp_path)))
     registry.save(h, path)
     text = path.read_text()
-    path.write_text(text.replace("</Appearance>", '<TextureTransform containerField="textureTransform" translation="0.1 0.2" '
+    path.write_text(text.replace("</Appearance>", '<TextureTransform containerField="textureTransform" '
+                                 'translation="0.1 0.2" '
                                  'center="0.5 0.5" scale="2 3" rotation="0.7"/></Appearance>'))  # fmt: skip
     moved, plain = vt.load(path).skin[0].uv, h.skin[0].uv
     c, s = np.cos(0.7), np.sin(0.7)

@@ -20,7 +20,7 @@ from vitruvian.body.types import Body, Floats, require
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid, Material, Segment, Shape, Track
-from vitruvian.motion.tracks import frames_to_write
+from vitruvian.motion.tracks import frames_to_write, scales_to_write
 from vitruvian.motion.types import Motion
 from vitruvian.stage.clip import Clip
 
@@ -143,15 +143,17 @@ def _frames(clip: Clip, points: int) -> Iterator[Floats]:
     body, motion = clip.body, clip.motion
     move, skeleton = deformer(clip.deformer, body), body.skeleton
     if motion is None:
-        rotation, shift, given = skeleton.rotation[None], skeleton.translation[None], {}
+        given: dict[str, Floats] = {}
+        rotation, shift, scale = skeleton.rotation[None], skeleton.translation[None], None
     else:
         rotation, shift, given = frames_to_write(motion)
+        scale = scales_to_write(motion)
     named = {m.name for m in body.skin.morphs}
     weights = {k: w for k, w in given.items() if k in named}
     step = max(2, _HELD // max(1, len(body.skin.rest) * 24))
     for start in range(0, len(rotation), step):
         some = slice(start, start + step)
-        matrices = pose_matrices(skeleton, rotation[some], shift[some])
+        matrices = pose_matrices(skeleton, rotation[some], shift[some], scale=None if scale is None else scale[some])
         made = np.asarray(move(matrices, {k: w[some] for k, w in weights.items()}), np.float64)
         yield from made.reshape(len(matrices), -1, 3)[:, :points]
 

@@ -78,7 +78,7 @@ def figure(
 ) -> tuple[dict[str, Any], Nodes, int | None]:
     """A figure as the scene of a document: the report of `write_glb`, its nodes, the node of its mesh if it has one."""
     report: dict[str, Any] = {"vertices": 0, "triangles": 0, "joints": len(body.skeleton), "lost": []}
-    nodes = Nodes(doc, body, humanoid)
+    nodes = Nodes(doc, body, humanoid, None if motion is None else motion.joint_scale)
     roots = [nodes.root]
     mesh_node = None
     if len(body.skin.triangles):
@@ -279,10 +279,11 @@ def _animate(
 ) -> None:
     """Rotations of all joints that move and translations, linear between the frames; a loop is closed."""
     from vitruvian.body.rotations import multiply
-    from vitruvian.motion.tracks import frames_to_write
+    from vitruvian.motion.tracks import frames_to_write, scales_to_write
 
     s = body.skeleton
     rotation, moves, given = frames_to_write(motion)
+    scale = scales_to_write(motion)
     times = np.arange(len(rotation)) / motion.fps
     if nodes.helpers:
         rotation = multiply(rotation, nodes.spin)
@@ -308,6 +309,8 @@ def _animate(
             track(nodes.joint[j], "rotation", rotation[:, j])
         if np.abs(moves[:, j] - np.asarray(node.get("translation", [0, 0, 0]))).max() > 1e-6:
             track(nodes.joint[j], "translation", moves[:, j])
+        if scale is not None and np.abs(scale[:, j] - s.scale[j]).max() > 1e-7:
+            track(nodes.joint[j], "scale", scale[:, j])
     mesh = doc.root["meshes"][doc.root["nodes"][mesh_node]["mesh"]] if mesh_node is not None else {}
     names = mesh.get("extras", {}).get("targetNames", [])
     if any(name in motion.weights for name in names):

@@ -8,13 +8,13 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 19776-5 (JSO
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import json_values
+from vitruvian.hanim.digits import double_of, shortest, shortest_of
 from vitruvian.hanim.graph import Literal, Node, Use
 from vitruvian.native import parse_floats
 
@@ -41,12 +41,7 @@ _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
-_FEW = 12  # numbers that are formatted one by one
-_SINGLE = struct.Struct("f")
-_FORMS = ("%.6g", "%.7g", "%.8g", "%.9g")
-_NOT_FINITE = "can't write a number that is not finite as a 32-bit float; look for NaN in the values"
 _TOKEN = re.compile(r"[^ \t-\r]+")
-_EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
 _NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
 
@@ -295,61 +290,6 @@ def quote(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def shortest(values: NDArray[np.float64]) -> list[str]:
-    """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
-    import numpy as np
-
-    values = np.asarray(values, np.float64).ravel()
-    if values.size <= _FEW:
-        return [_shortest(v) for v in values.tolist()]
-    with np.errstate(over="ignore"):
-        single = values.astype(np.float32)
-    if not np.isfinite(single).all():
-        raise VitruvianError(_NOT_FINITE)
-    texts = _formatted(single, 6)
-    rest, new = np.arange(single.size), texts
-    for digits in (7, 8, 9):
-        rest = rest[parse_floats(" ".join(new).encode()).astype(np.float32) != single[rest]]
-        if not rest.size:
-            break
-        new = _formatted(single[rest], digits)
-        for i, text in zip(rest.tolist(), new, strict=True):
-            texts[i] = text
-    return texts
-
-
-def _shortest(value: float) -> str:
-    """`shortest` of one number, without arrays."""
-    try:
-        (single,) = _SINGLE.unpack(_SINGLE.pack(value))
-    except OverflowError:
-        raise VitruvianError(_NOT_FINITE) from None
-    if single - single != 0:
-        raise VitruvianError(_NOT_FINITE)
-    for form in _FORMS:
-        text = form % single
-        if _SINGLE.unpack(_SINGLE.pack(float(text)))[0] == single:
-            break
-    return _EXPONENT.sub(_short_exponent, text) if "e" in text else text
-
-
-def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:
-    text = (f"%.{digits}g " * single.size) % tuple(single.tolist())
-    return (_EXPONENT.sub(_short_exponent, text) if "e" in text else text).split()
-
-
-def _short_exponent(match: re.Match[str]) -> str:
-    return "e-" if match[1] == "-" else "e"
-
-
-def _double(number: float) -> str:
-    if number - number != 0:
-        raise VitruvianError("can't write a number that is not finite; look for NaN in the values")
-    text = repr(float(number))
-    text = text[:-2] if text.endswith(".0") else text
-    return _EXPONENT.sub(_short_exponent, text)
-
-
 def text_of(value: object, type: str, syntax: str) -> str:
     """Source text ("xml", "vrml" or "json") of a typed value.
 
@@ -377,9 +317,9 @@ def text_of(value: object, type: str, syntax: str) -> str:
 
     if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
         if isinstance(value, float):
-            return _shortest(value)
+            return shortest_of(value)
         if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
-            return " ".join(map(_shortest, value.tolist()))
+            return " ".join(map(shortest_of, value.tolist()))
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
@@ -388,7 +328,7 @@ def text_of(value: object, type: str, syntax: str) -> str:
     elif base in _INTEGER or (not type and array.dtype.kind in "iu"):
         texts, n = list(map(str, array.astype(np.int64).ravel().tolist())), 1
     else:
-        texts = [_double(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
+        texts = [double_of(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
         n = _COLUMNS.get(base) or (array.shape[-1] if array.ndim > 1 else 1)
     if json:
         single = len(texts) == 1 and not array.ndim and not type.startswith("MF")
