@@ -20,7 +20,7 @@ from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.doctor import check
 from vitruvian.hanim.doctor_fix import mend
 from vitruvian.hanim.graph import Scene
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.view import humanoids
 from vitruvian.motion.tracks import motion_of
 
@@ -132,14 +132,47 @@ def test_baking_keeps_the_picture(scale: float) -> None:
     assert mend(again) == []
 
 
+@pytest.mark.parametrize("flags", [[], [True] * 5, [True, True, False, True, True], [True] * 17])
+def test_baking_carries_a_motion_along(flags: list[bool]) -> None:
+    """P01 with an HAnimMotion on turned joints, in several channels and orders: every frame looks the same."""
+    h = posed(1.0)
+    h.tracks = []
+    joints = ["humanoid_root", "vl5", "IGNORED", "l_shoulder", "l_elbow"]
+    place, turn = ("Xposition", "Yposition", "Zposition"), ("Zrotation", "Xrotation", "Yrotation")
+    channels = [
+        place + turn,
+        ("Xrotation",),
+        ("Yrotation",) * 2,
+        (turn[1], turn[0], turn[2], *place),
+        ("Zrotation", place[1]),
+    ]
+    values = np.random.default_rng(2).normal(scale=40, size=(6, 17)) * np.where(
+        ["position" in c for g in channels for c in g], 0.01, 1.0
+    )  # fmt: skip
+    values[0, 13:] = 0
+    h.motions = [MotionData("run", joints, channels, values, 0.1, True, False, channels_enabled=flags)]
+    scene = parse_x3d(print_x3d(scene_of([h])[0])[0].encode(), "posed.x3d")
+    times = [0.0, 0.1, 0.3, 0.5]
+    before = [picture(scene, t) for t in times]
+    assert any("P01" in line for line in mend(scene))
+    again = parse_x3d(print_x3d(scene)[0].encode(), "baked.x3d")
+    for (skin, parts), time in zip(before, times):
+        moved_skin, moved_parts = picture(again, time)
+        np.testing.assert_allclose(moved_skin, skin, atol=5e-6)
+        np.testing.assert_allclose(moved_parts, parts, atol=5e-6)
+    assert all(j.rotation[3] == 0 and not j.translation.any() for j in humanoids(again)[0].joints())
+    assert mend(again) == []
+
+
 def test_baking_waits_where_there_is_no_one_answer() -> None:
-    """A Script, an HAnimMotion or a scale of zero on a joint that is not at rest: the finding stays, nothing moves."""
+    """A Script, an HAnimMotion that scales or does not fit, or a scale of zero on a joint that is not at rest."""
     bent = GOOD.replace('name="l_shoulder"', 'name="l_shoulder" rotation="0 0 1 1"')
     script = '<Script DEF="m"><field name="r" type="SFRotation" accessType="outputOnly"/></Script>'
     route = '<ROUTE fromNode="m" fromField="r" toNode="hanim_l_elbow" toField="set_rotation"/></Scene>'
     for text in (
         bent.replace("</Scene>", script + route),
-        bent.replace("</HAnimHumanoid>", MOTION),
+        bent.replace("</HAnimHumanoid>", MOTION.replace(" vl5", " l_shoulder").replace("Xrotation", "Xscale")),
+        bent.replace("</HAnimHumanoid>", MOTION.replace("1 Xrotation", "2 Xrotation")),
         bent.replace('name="vl5"', 'name="vl5" scale="0 1 1"'),
     ):
         scene = parse_x3d(text.encode(), "bent.x3d")

@@ -16,8 +16,11 @@ class VitruvianError(Exception):
 class FileError(VitruvianError):
     """Something in a file can't be read.
 
-    Attributes: `path` (str), `line` (1-based, 0 when it is not about a line), `what` (one line of text).
+    Attributes: `path` (str), `line` (1-based, 0 when it is not about a line), `what` (one line of text), `partial`: the
+    scene graph up to that line where a scene's syntax is broken, for those who say what is wrong (None elsewhere).
     """
+
+    partial: object = None
 
     def __init__(self, path: object, line: int, what: str):
         what = " ".join(what[:1000].split())  # a name in a hostile file may be a megabyte long

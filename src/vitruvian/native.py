@@ -9,11 +9,13 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 from types import ModuleType
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from vitruvian.errors import warn
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 HOW = "vitruvian._native is not built, using slower NumPy code; build it with a C++17 compiler: pip install ."
 
@@ -49,6 +51,8 @@ def parse_floats(text: bytes | bytearray | memoryview, expected: int = -1) -> ND
 def parse_floats_numpy(text: bytes | bytearray | memoryview, expected: int = -1) -> NDArray[np.float64]:
     """`parse_floats` without the extension."""
     import re
+
+    import numpy as np
 
     data = bytes(text)
     pieces, start = [], 0

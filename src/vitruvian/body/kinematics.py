@@ -25,7 +25,7 @@ def joint_matrices(skeleton: Skeleton, motion: Motion | None = None, *, out: Flo
     """(F,J,4,4) float64: the matrix of each joint in humanoid space, binding included.
 
     `motion` None gives one frame: the pose that the file has. Joints without motion of their own translation keep the
-    skeleton's; scale is always the skeleton's. `out` (F,J,4,4) float64 C-contiguous is filled and returned.
+    skeleton's, and so does scale. `out` (F,J,4,4) float64 C-contiguous is filled and returned.
     The Humanoid's own transform (`Body.placement`) is not included.
     Raises VitruvianError when the motion belongs to a skeleton with other joints or `out` does not fit.
     """
@@ -33,9 +33,11 @@ def joint_matrices(skeleton: Skeleton, motion: Motion | None = None, *, out: Flo
         return pose_matrices(skeleton, skeleton.rotation[None], skeleton.translation[None], out=out)
     same = motion.skeleton is skeleton or motion.skeleton.names == skeleton.names
     require(same, "motion", "a motion on this skeleton", "one with other joints; retarget it first")
+    scale = motion.joint_scale
     if motion.joint_translation is not None:
-        return pose_matrices(skeleton, motion.rotation, motion.joint_translation, out=out)
-    return pose_matrices(skeleton, motion.rotation, skeleton.translation[None], root=motion.translation, out=out)
+        return pose_matrices(skeleton, motion.rotation, motion.joint_translation, scale=scale, out=out)
+    still = skeleton.translation[None]
+    return pose_matrices(skeleton, motion.rotation, still, root=motion.translation, scale=scale, out=out)
 
 
 def pose_matrices(
@@ -44,12 +46,13 @@ def pose_matrices(
     translation: Floats,
     *,
     root: Floats | None = None,
+    scale: Floats | None = None,
     out: Floats | None = None,
     threads: int = 0,
 ) -> Floats:
     """`joint_matrices` for bare arrays: rotation (F,J,4) xyzw, translation (F,J,3) or (1,J,3) for all frames.
 
-    `root` (F,3) replaces the translation of the first joint. `threads` 0 chooses by size.
+    `root` (F,3) replaces the translation of the first joint, `scale` (F,J,3) the skeleton's. `threads` 0 chooses by size.
     """
     frames, joints = len(rotation), len(skeleton)
     rotation = np.ascontiguousarray(rotation, dtype=np.float64)
@@ -65,8 +68,8 @@ def pose_matrices(
     fits = out.shape == (frames, joints, 4, 4) and out.dtype == np.float64 and out.flags.c_contiguous
     require(fits, "out", f"float64, C-contiguous, shape ({frames}, {joints}, 4, 4)", f"{out.dtype} {out.shape}")
     native = kernels()
-    stretch = _stretch(skeleton)
-    if native is None:
+    stretch = _stretch(skeleton) if scale is None else _stretches(skeleton, scale, frames)
+    if native is None or scale is not None:  # the kernel knows one scale for all frames
         return _numpy(skeleton, rotation, translation, root, stretch, out)
     native.forward_kinematics(
         skeleton.parents, skeleton.centers, rotation, translation, root, stretch, skeleton.binding, out, threads
@@ -130,6 +133,14 @@ def _stretch(skeleton: Skeleton) -> Floats | None:
         return None
     turn = to_matrix(skeleton.scale_orientation)
     return np.ascontiguousarray(np.einsum("jab,jb,jcb->jac", turn, skeleton.scale, turn))
+
+
+def _stretches(skeleton: Skeleton, scale: Floats, frames: int) -> Floats:
+    """(F,J,3,3) as `_stretch`, of scales over time."""
+    scale = np.ascontiguousarray(scale, dtype=np.float64)
+    require(scale.shape == (frames, len(skeleton), 3), "scale", f"shape ({frames}, {len(skeleton)}, 3)", scale.shape)
+    turn = to_matrix(skeleton.scale_orientation)
+    return np.einsum("jab,fjb,jcb->fjac", turn, scale, turn)
 
 
 def _numpy(

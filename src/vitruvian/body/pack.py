@@ -143,6 +143,7 @@ class _Surface:
             float(m.opacity),
             bool(m.double_sided),
             float(shape.crease_angle),
+            m.picture if shape.uv is not None else None,
         )
         self.parts.append(Part(shape.name or m.name or name, start, self.face_count, color, *look))
 

@@ -17,6 +17,7 @@ from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
     from vitruvian.body.contours import Contours
+    from vitruvian.hanim.humanoid import Picture
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -199,6 +200,7 @@ class Part:
     """A range of a skin's triangles with one look: `start:stop` into `triangles`. Colours are sRGB in 0..1.
 
     `crease`: faces that meet at a larger angle (radians) have an edge between them; pi, the default, is smooth.
+    `picture` colours them through `Skin.uv`.
     """
 
     name: str
@@ -210,6 +212,7 @@ class Part:
     opacity: float = 1.0
     double_sided: bool = False
     crease: float = float(np.pi)
+    picture: Picture | None = None
 
 
 @dataclass(frozen=True, eq=False)

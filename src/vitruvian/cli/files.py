@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Bake, Json, Repair, baking, count, emit, say
+from vitruvian.cli.output import Bake, Json, Repair, Tolerance, baked, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -186,6 +186,7 @@ def convert(
     clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
     bake: bool = Bake,
+    tolerance: float = Tolerance,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
@@ -216,7 +217,7 @@ def convert(
     off = 0.0
     if loa is not None or rest or skin:
         thing, lost, off = _remade(thing, target, hanim, loa, rest, skin)
-    report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake))
+    report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake, tolerance))
     report["lost"] = lost + report["lost"]
     report["max_vertex_error_m"] = max(report["max_vertex_error_m"], off)
     text = f"wrote {target}"
@@ -225,7 +226,7 @@ def convert(
             f"\n{count(report['pruned_weights'], 'vertex')} had more than four influences: "
             f"at most {report['max_vertex_error_m'] * 1000:.2f} mm off"
         ).replace("vertexs", "vertices")
-    emit(report, "\n".join([text, *(f"lost: {line}" for line in report["lost"])]), as_json)
+    emit(report, "\n".join([text, *baked(report), *(f"lost: {line}" for line in report["lost"])]), as_json)
 
 
 def _remade(

@@ -17,16 +17,40 @@ Json = typer.Option(False, "--json", help="Print one JSON document to stdout and
 Out = typer.Option(..., "-o", "--out", help="File to write; its extension says the format.")
 Repair = typer.Option(False, "--repair", help="Drop numbers that can't be meant instead of refusing the file.")
 
-Bake = typer.Option(False, "--bake", help="USD only: write the deformed points of every frame instead of a skeleton.")
+Bake = typer.Option(
+    False,
+    "--bake",
+    help="Write deformed points instead of a skin, for viewers that do not skin: X3D and VRML as the keys of a "
+    "CoordinateInterpolator, USD as every frame.",
+)
+Tolerance = typer.Option(
+    1.0, "--tolerance", min=0.001, max=1000.0, help="With --bake of X3D and VRML: millimetres a point may be off."
+)
 
 
-def baking(out: Path, bake: bool) -> dict[str, Any]:
-    """Options of `save` for --bake."""
-    from vitruvian.formats.registry import USD, extension
+def baking(out: Path, bake: bool, tolerance: float) -> dict[str, Any]:
+    """Options of `save` for --bake and --tolerance (millimetres)."""
+    from vitruvian.formats.registry import SCENES, USD, extension
 
-    if bake and extension(out) not in USD:
-        raise VitruvianError(f"--bake: expected a USD file to write ({', '.join(USD)}), found {out}")
-    return {"bake": True} if bake else {}
+    if not bake:
+        return {}
+    form = extension(out)
+    if form in USD:
+        return {"bake": True}
+    if form not in (*SCENES, ".json"):
+        raise VitruvianError(f"--bake: expected an X3D, VRML or USD file to write, found {out}")
+    return {"bake": True, "tolerance": tolerance / 1000}
+
+
+def baked(report: dict[str, Any]) -> list[str]:
+    """What was baked, as a line of text."""
+    facts = report.get("baked")
+    if facts is None:
+        return []
+    return [
+        f"baked {facts['points']:,} points: {count(facts['keys'], 'key')} for {count(facts['frames'], 'frame')}, at most "
+        f"{facts['max_error_m'] * 1000:.2f} mm off; {facts['bytes'] / 1e6:.2f} MB"
+    ]
 
 
 def emit(document: Any, text: str, as_json: bool) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Bake, Json, Out, baking, count, emit, progress
+from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -123,10 +123,10 @@ def movement(source: str, body: Body, clip: str | None = None) -> Motion:
     return retarget(found, soled(body))
 
 
-def write(clip: Clip, out: Path, *, bake: bool = False) -> dict[str, Any]:
+def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float = 1.0) -> dict[str, Any]:
     """Write a clip to a file of any kind we have: scenes, GLB, USD, BVH, OBJ, a page, a picture or a film."""
     kind = out.suffix.lower()
-    options = baking(out, bake)
+    options = baking(out, bake, tolerance)
     if kind == ".html":
         from vitruvian.show.recording import record
 
@@ -160,6 +160,7 @@ def animate(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
     ),
     bake: bool = Bake,
+    tolerance: float = Tolerance,
     as_json: bool = Json,
 ) -> None:
     """Put a motion on a body and write what comes out.
@@ -176,7 +177,7 @@ def animate(
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
     shown = Clip(humanoid, packed, movement(motion, packed, clip), deformer)
-    report = write(shown, out, bake=bake)
+    report = write(shown, out, bake=bake, tolerance=tolerance)
     moved = shown.motion
     assert moved is not None
     document = {
@@ -191,4 +192,4 @@ def animate(
         f"wrote {out}: {count(document['frames'], 'frame')} at {moved.fps:g} per second; feet slide "
         f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
     )
-    emit(document, text, as_json)
+    emit(document, "\n".join([text, *baked(report)]), as_json)

@@ -21,6 +21,8 @@ from vitruvian.errors import VitruvianError
 from vitruvian.formats.gltf_buffer import INDICES, VERTICES, Document
 from vitruvian.formats.gltf_nodes import Nodes
 from vitruvian.formats.gltf_skin import limit, measure
+from vitruvian.formats.pictures import Addresses, content, transparent
+from vitruvian.hanim.humanoid import Picture
 from vitruvian.motion.types import Motion
 from vitruvian.stage.clip import Clip, Mesh
 
@@ -76,7 +78,7 @@ def figure(
 ) -> tuple[dict[str, Any], Nodes, int | None]:
     """A figure as the scene of a document: the report of `write_glb`, its nodes, the node of its mesh if it has one."""
     report: dict[str, Any] = {"vertices": 0, "triangles": 0, "joints": len(body.skeleton), "lost": []}
-    nodes = Nodes(doc, body, humanoid)
+    nodes = Nodes(doc, body, humanoid, None if motion is None else motion.joint_scale)
     roots = [nodes.root]
     mesh_node = None
     if len(body.skin.triangles):
@@ -121,7 +123,7 @@ def _skinned(
         some = slice(4 * k, 4 * k + 4)
         attributes[f"JOINTS_{k}"] = doc.add(joints[source, some], narrow, target=VERTICES)
         attributes[f"WEIGHTS_{k}"] = doc.add(weights[source, some], target=VERTICES)
-    mesh = _mesh(doc, "body", skin, triangles, attributes, uv is not None)
+    mesh = _mesh(doc, "body", skin, triangles, attributes, uv is not None, report["lost"])
     if skin.morphs:
         _morphs(doc, mesh, body, source, report)
     report.update(vertices=len(source), triangles=int(len(triangles)))
@@ -166,23 +168,20 @@ def _colors(doc: Document, srgb: Floats) -> int:
 
 
 def _mesh(
-    doc: Document, name: str, skin: Skin, triangles: NDArray, attributes: dict[str, int], textured: bool
-) -> dict[str, Any]:
+    doc: Document, name: str, skin: Skin, triangles: NDArray, attributes: dict[str, int], textured: bool,
+    lost: list[str],
+) -> dict[str, Any]:  # fmt: skip
     primitives = []
-    picture = None
+    pictures = _Pictures(doc)
     for part in skin.parts:
         faces = triangles[part.start : part.stop]
         whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         faces = faces[whole]
         if not len(faces):
             continue
-        if textured and picture is None:
-            view = doc.view(np.frombuffer(_WHITE, np.uint8))
-            image = doc.append("images", {"bufferView": view, "mimeType": "image/png", "name": "white"})
-            picture = doc.append("textures", {"source": image})
         material = _material(part, skin.colors is not None)
-        if picture is not None:
-            material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": picture}
+        if textured:
+            pictures.put(material, part.picture)
         small = np.uint16 if triangles.max() < 0xFFFF else np.uint32
         primitives.append({
             "attributes": attributes, "indices": doc.add(faces.reshape(-1), small, target=INDICES),
@@ -190,7 +189,46 @@ def _mesh(
         })  # fmt: skip
     if not primitives:
         raise VitruvianError("GLB: expected at least one triangle with three different corners, found none")
+    lost += pictures.lost()
     return {"name": name, "primitives": primitives}
+
+
+class _Pictures:
+    """The pictures of one document, each once; a white pixel where a surface has coordinates but no picture."""
+
+    def __init__(self, doc: Document):
+        self.doc = doc
+        self.known: dict[Picture, tuple[int, bool]] = {}
+        self.missing = Addresses("", beside=False)
+
+    def put(self, material: dict[str, Any], picture: Picture | None) -> None:
+        """Give a material its base colour texture."""
+        white = Picture("white", _WHITE)
+        found = content(picture) if picture is not None and picture not in self.known else None
+        if picture is None or (found is None and picture not in self.known):
+            if picture is not None:
+                self.missing.miss(picture)
+            picture, found = white, (_WHITE, "image/png")
+        if picture not in self.known and found is not None:
+            self.known[picture] = self._texture(picture, *found)
+        texture, holes = self.known[picture]
+        material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": texture}
+        if holes and picture.alpha and "alphaMode" not in material:
+            material["alphaMode"] = picture.alpha.upper()
+
+    def _texture(self, picture: Picture, data: bytes, mime: str) -> tuple[int, bool]:
+        """The index of a picture's texture, and whether it can be transparent."""
+        view = self.doc.view(np.frombuffer(data, np.uint8))
+        name = picture.name or "picture"
+        image = self.doc.append("images", {"bufferView": view, "mimeType": mime, "name": name})
+        texture = {"source": image}
+        if picture.repeat != (True, True):
+            wrap = dict(zip(("wrapS", "wrapT"), (10497 if on else 33071 for on in picture.repeat)))
+            texture["sampler"] = self.doc.append("samplers", wrap)
+        return self.doc.append("textures", texture), transparent(data)
+
+    def lost(self) -> list[str]:
+        return self.missing.lost()
 
 
 def _material(part: Part, colored: bool) -> dict[str, Any]:
@@ -241,10 +279,11 @@ def _animate(
 ) -> None:
     """Rotations of all joints that move and translations, linear between the frames; a loop is closed."""
     from vitruvian.body.rotations import multiply
-    from vitruvian.motion.tracks import frames_to_write
+    from vitruvian.motion.tracks import frames_to_write, scales_to_write
 
     s = body.skeleton
     rotation, moves, given = frames_to_write(motion)
+    scale = scales_to_write(motion)
     times = np.arange(len(rotation)) / motion.fps
     if nodes.helpers:
         rotation = multiply(rotation, nodes.spin)
@@ -270,6 +309,8 @@ def _animate(
             track(nodes.joint[j], "rotation", rotation[:, j])
         if np.abs(moves[:, j] - np.asarray(node.get("translation", [0, 0, 0]))).max() > 1e-6:
             track(nodes.joint[j], "translation", moves[:, j])
+        if scale is not None and np.abs(scale[:, j] - s.scale[j]).max() > 1e-7:
+            track(nodes.joint[j], "scale", scale[:, j])
     mesh = doc.root["meshes"][doc.root["nodes"][mesh_node]["mesh"]] if mesh_node is not None else {}
     names = mesh.get("extras", {}).get("targetNames", [])
     if any(name in motion.weights for name in names):
@@ -299,11 +340,11 @@ def _write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> dict[str, Any]:
     doc = Document()
     source, triangles, uv = split_seams(skin)
     attributes = _attributes(doc, skin, source, uv, _normals(skin.rest, skin.triangles)[source])
-    item = _mesh(doc, mesh.name or "object", skin, triangles, attributes, uv is not None)
+    lost: list[str] = []
+    item = _mesh(doc, mesh.name or "object", skin, triangles, attributes, uv is not None, lost)
     node = doc.append("nodes", {"name": mesh.name or "object", "mesh": doc.append("meshes", item)})
     doc.root["scenes"] = [{"nodes": [node]}]
     doc.root["scene"] = 0
-    lost: list[str] = []
     return {
         "vertices": len(source),
         "triangles": len(mesh.triangles),

@@ -61,6 +61,8 @@ class GltfFile:
         self._arrays: dict[tuple[int, bool], NDArray] = {}
         self._held = 0
         self._asked = 0
+        self.pictures: dict[int, bytes] = {}  # of images that base colours use
+        self.pictured = 0
         self.samples = 0  # frames times joints that animations have cost so far
         self._hierarchy()
 
@@ -207,7 +209,7 @@ class GltfFile:
             except (binascii.Error, ValueError):
                 self.bad(f"{where}: its base64 data can't be read")
         else:
-            data = self._beside(uri, where)
+            data = self.beside(uri, where)
         if len(data) < length:
             self.bad(f"{where}: expected {length} bytes, found {len(data)}")
         self._held += len(data)
@@ -216,7 +218,7 @@ class GltfFile:
         self._buffers[index] = data
         return data
 
-    def _beside(self, uri: str, where: str) -> bytes:
+    def beside(self, uri: str, where: str) -> bytes:
         """A file in the folder of this one or below it; nothing else on the machine or the network is opened."""
         name = unquote(uri)
         folder = self.path.resolve().parent
@@ -233,6 +235,11 @@ class GltfFile:
             return target.read_bytes()
         except OSError as error:
             self.bad(f"{where}: {uri[:80]!r} can't be read ({error.strerror})")
+
+    def view_bytes(self, index: int, where: str) -> bytes:
+        """The bytes of a bufferView."""
+        data, start, length, _ = self._view(index, where)
+        return data[start : start + length]
 
     def _view(self, index: int, where: str) -> tuple[bytes, int, int, int]:
         """Buffer, first byte, length and stride (0: none given) of a bufferView."""

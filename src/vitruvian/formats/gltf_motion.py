@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.rotations import from_axis_angle, from_matrix, normalize, slerp, to_axis_angle
+from vitruvian.body.rotations import from_axis_angle, from_matrix, normalize, slerp, to_axis_angle, to_matrix
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import warn
 from vitruvian.formats.gltf_file import GltfFile, trs
@@ -251,17 +251,55 @@ def stretched(symmetric: Floats) -> tuple[Floats, Floats]:
     return values, to_axis_angle(from_matrix(axes))
 
 
-def _sampled(file: GltfFile, rig: Rig, animation: Animation, times: Floats, after: NDArray) -> tuple[Floats, Floats]:
-    """Rotation (n,J,4) and translation (n,J,3) at the times."""
+def _sampled(
+    file: GltfFile, rig: Rig, animation: Animation, times: Floats, after: NDArray
+) -> tuple[Floats, Floats, Floats | None]:  # fmt: skip
+    """Rotation (n,J,4), translation (n,J,3) and, where joints grow or shrink, scale (n,J,3,3) at the times."""
     file.samples += len(times) * max(len(rig), len(file.order) // 8)
     if file.samples > MAX_SAMPLES:
         file.bad(f"animation {animation.name}: expected at most {MAX_SAMPLES} frames times joints")
     player, chunk = Player(file, rig, animation), 2048
     parts = [player.parts(times[i : i + chunk], after[i : i + chunk]) for i in range(0, len(times), chunk)]
     scale = np.concatenate([s for _, _, s in parts])
-    if np.abs(scale - scale[:1]).max() > 1e-3:
-        warn(f"{file.path}: animation {animation.name}: joints that grow or shrink keep their size")
-    return np.concatenate([r for r, _, _ in parts]), np.concatenate([t for _, t, _ in parts])
+    grows = np.abs(scale - scale[:1]).max() > 1e-3
+    return np.concatenate([r for r, _, _ in parts]), np.concatenate([t for _, t, _ in parts]), scale if grows else None
+
+
+def _sizes(file: GltfFile, rig: Rig, animation: Animation, joints: list[Joint], scale: Floats) -> dict[int, Floats]:
+    """Scale over time (n,3) of each joint that grows or shrinks. Joint.scale has one scaleOrientation for all times: that
+    of humanoid space, of the bone, or of the largest stretch, whichever fits best; the joint gets it."""
+    out: dict[int, Floats] = {}
+    worst = 0.0
+    for j in np.flatnonzero(np.abs(scale - scale[:1]).max(axis=(0, 2, 3)) > 1e-3):
+        own = scale[:, j]
+        bone = rig.bind[j, :3, :3] / np.linalg.norm(rig.bind[j, :3, :3], axis=0)
+        uneven = np.abs(own - np.trace(own, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)).max(axis=(1, 2))
+        frames = [np.eye(3), bone, np.linalg.eigh(own[int(np.argmax(uneven))])[1]]
+        frames = [f if np.linalg.det(f) > 0 else f * [1, 1, -1] for f in frames]
+        turned = [np.einsum("ba,nbc,cd->nad", f, own, f) for f in frames]
+        off = [float(np.abs(t - t * np.eye(3)).max()) for t in turned]
+        best = next((k for k in range(3) if off[k] < 1e-4), int(np.argmin(off)))
+        worst = max(worst, off[best])
+        out[int(j)] = np.einsum("naa->na", turned[best])
+        joint, at = joints[j], turned[best]
+        still = _still_size(joint, frames[best])
+        joint.scale = at[0][[0, 1, 2], [0, 1, 2]].copy() if still is None else still
+        turn = to_axis_angle(from_matrix(frames[best]))
+        joint.scale_orientation = turn if best else np.array([0.0, 0, 1, 0])
+    if worst > 1e-3:
+        warn(
+            f"{file.path}: animation {animation.name}: joints are scaled along axes that turn, which Joint.scale "
+            f"can't say; the nearest is off by {100 * worst:.2g} %"
+        )
+    return out
+
+
+def _still_size(joint: Joint, frame: Floats) -> Floats | None:
+    """The joint's own scale along the axes of a frame, None when it is not along them."""
+    turn = to_matrix(from_axis_angle(joint.scale_orientation))
+    own = frame.T @ (turn * joint.scale) @ turn.T @ frame
+    size = np.diag(own).copy()
+    return size if np.abs(own - np.diag(size)).max() < 1e-4 else None
 
 
 def tracks(
@@ -269,7 +307,8 @@ def tracks(
 ) -> list[Track]:
     """Interpolator tracks of an animation for the joints of a figure and its displacers (node, target) -> name."""
     times, after = animation.times()
-    rotation, shift = _sampled(file, rig, animation, times, after)
+    rotation, shift, scale = _sampled(file, rig, animation, times, after)
+    sizes = {} if scale is None else _sizes(file, rig, animation, joints, scale)
     seconds = animation.seconds
     length = seconds if seconds > 0 else 1.0
     keys = np.clip(times / length, 0, 1)
@@ -293,6 +332,8 @@ def tracks(
                 continue
             part = slice(0, 1) if flat else slice(None)
             out.append(Track(joint.name, path, keys[part], values[part], length, bool(loop), animation.name))
+        if j in sizes:
+            out.append(Track(joint.name, "scale", keys, sizes[j], length, bool(loop), animation.name))
     known: set[str] = set()
     for channel in animation.channels:
         if channel.path != "weights":
@@ -342,7 +383,9 @@ def motion(file: GltfFile, rig: Rig, animation: Animation) -> Motion:
     if count * len(rig) > MAX_SAMPLES:
         file.bad(f"animation {animation.name}: expected at most {MAX_SAMPLES} frames times joints")
     times, after = start + np.arange(count) / fps, np.ones(count, bool)
-    rotation, shift = _sampled(file, rig, animation, times, after)
+    rotation, shift, scale = _sampled(file, rig, animation, times, after)
+    if scale is not None:
+        warn(f"{file.path}: animation {animation.name}: without a figure, joints that grow or shrink keep their size")
     weights = {name: x[:, 0] for name, x in _expressions(file, animation, times, after).items()}
     closed = _closed(rotation, shift)
     loop = closed if animation.loop is None else animation.loop

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
 class Nodes:
     """The joints as nodes. Attributes: `root` the humanoid's node, `joint` (J,) nodes that are animated, `bone` (J,)
-    nodes the skin follows (the same unless a joint has a helper node), `static` a node that never moves."""
+    nodes the skin follows (the same unless a joint has a helper node), `static` a node that never moves. `scale` (F,J,3)
+    are the scales that an animation will give the joints."""
 
-    def __init__(self, doc: Document, body: Body, humanoid: Humanoid | None):
+    def __init__(self, doc: Document, body: Body, humanoid: Humanoid | None, scale: Floats | None = None):
         self.doc, self.skeleton = doc, body.skeleton
         s = body.skeleton
         self.helpers: list[str] = []
@@ -39,9 +40,8 @@ class Nodes:
             node: dict[str, Any] = {"name": name or f"joint_{j}"}
             stretch = s.scale[j]
             matrix = rotation[j]
-            plain = np.ptp(stretch) < 1e-9 * np.abs(stretch).max() or np.allclose(
-                turn[j] @ np.diag(stretch) @ turn[j].T, np.diag(stretch), atol=1e-12
-            )
+            sizes = stretch[None] if scale is None else np.concatenate([stretch[None], scale[:, j]])
+            plain = all(_along_axes(size, turn[j]) for size in np.unique(sizes, axis=0))
             if not plain:
                 self.spin[j] = s.scale_orientation[j]
                 matrix = matrix @ turn[j]
@@ -128,6 +128,12 @@ class Nodes:
         second = self.doc.append("nodes", inner)
         node["children"] = [second]
         return index, second
+
+
+def _along_axes(size: Floats, turn: Floats) -> bool:
+    """Whether a scale (3,) along a turned frame is the same along the axes themselves."""
+    even = np.ptp(size) < 1e-9 * np.abs(size).max()
+    return bool(even or np.allclose(turn @ np.diag(size) @ turn.T, np.diag(size), atol=1e-12))
 
 
 def set_trs(node: dict[str, Any], translation: Floats, rotation: Floats, scale: Floats) -> None:

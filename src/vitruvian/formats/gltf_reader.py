@@ -17,6 +17,7 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.formats import gltf_motion, gltf_surface
 from vitruvian.formats.gltf_file import GltfFile
+from vitruvian.formats.gltf_pictures import warn_pictures
 from vitruvian.formats.gltf_rig import Rig, figures, nearest, solid
 from vitruvian.formats.vrm_tables import info_of, preset_names
 from vitruvian.hanim import tables
@@ -71,8 +72,9 @@ def _read(file: GltfFile, own: dict[str, str]) -> list[Humanoid] | Motion | Mesh
     rigs = figures(file, own)
     clips = gltf_motion.animations(file) if rigs else []
     if rigs and (shown or rigs[0].home is not None or not clips):
-        gltf_surface.warn_pictures(file)
-        return [_humanoid(file, rig, shown, clips, len(rigs)) for rig in rigs]
+        figures_found = [_humanoid(file, rig, shown, clips, len(rigs)) for rig in rigs]
+        warn_pictures(file)
+        return figures_found
     if rigs:
         longest = max(clips, key=lambda c: len(c.channels))
         if len(clips) > 1:
@@ -80,7 +82,7 @@ def _read(file: GltfFile, own: dict[str, str]) -> list[Humanoid] | Motion | Mesh
         return gltf_motion.motion(file, rigs[0], longest)
     if not shown:
         file.bad("expected a figure, a surface or an animation of a known rig, found none")
-    gltf_surface.warn_pictures(file)
+    warn_pictures(file, mesh=True)
     return _mesh(file, shown)
 
 

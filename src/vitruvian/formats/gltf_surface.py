@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints
-from vitruvian.errors import warn
 from vitruvian.formats.gltf_file import GltfFile
+from vitruvian.formats.gltf_pictures import base, mapping, moved
 from vitruvian.hanim.humanoid import Displacer, Material, Shape
 
 Whole = NDArray[np.int64]
@@ -21,7 +21,7 @@ MAX_SETS = 4  # JOINTS_0 to JOINTS_3: sixteen influences
 MAX_TARGETS = 2000
 MAX_POINTS = 1 << 23  # vertices, and corners of triangles times three, of one figure
 MAX_MOVES = 1 << 25  # offsets of morph targets
-READ = ("POSITION", "TEXCOORD_0", "COLOR_0", "_POINT", *(f"{a}_{k}" for a in ("JOINTS", "WEIGHTS") for k in range(4)))
+READ = ("POSITION", "COLOR_0", "_POINT", *(f"{a}_{k}" for a in ("TEXCOORD", "JOINTS", "WEIGHTS") for k in range(4)))
 LEAST_MOVE = 1e-9  # metres: what a morph target moves less is rounding
 
 
@@ -110,9 +110,12 @@ def add_mesh(
             file.bad(f"{where}: expected at most {MAX_TARGETS} morph targets, found {len(shift)}")
         count = len(file.items("accessors"))
         plain = {k: file.integer(attributes, k, where, count) for k in READ if k in attributes}
-        key = (tuple(sorted(plain.items())), tuple(str(t.get("POSITION"))[:20] for t in shift))
+        number_of, turned_by = mapping(file, primitive, where)
+        plain = {k: v for k, v in plain.items() if k[:9] != "TEXCOORD_" or k == f"TEXCOORD_{number_of}"}
+        key = (tuple(sorted(plain.items())), turned_by, tuple(str(t.get("POSITION"))[:20] for t in shift))
         if key not in ready:
             ready[key] = _block(file, plain, shift, targets, matrix, slots, rest, where)
+            ready[key].uv = _coordinates(file, plain, turned_by, len(ready[key].points), where)
             ready[key].first = surface.count
             surface.blocks.append(ready[key])
             surface.count += len(ready[key].points)
@@ -181,10 +184,6 @@ def _block(
         values = file.accessor(target["POSITION"], ("VEC3",), f"{where} target POSITION")
         _same(file, values, n, f"{where} target POSITION")
         block.moves[number] = _moved(move, values, 0.0)
-    if "TEXCOORD_0" in attributes:
-        uv = file.accessor(attributes["TEXCOORD_0"], ("VEC2",), f"{where} TEXCOORD_0")
-        _same(file, uv, n, f"{where} TEXCOORD_0")
-        block.uv = np.stack([uv[:, 0], 1 - uv[:, 1]], -1)  # glTF counts from the top of the picture
     if "COLOR_0" in attributes:
         colors = file.accessor(attributes["COLOR_0"], ("VEC3", "VEC4"), f"{where} COLOR_0")
         _same(file, colors, n, f"{where} COLOR_0")
@@ -194,6 +193,18 @@ def _block(
         _same(file, points, n, f"{where} _POINT")
         block.numbers = np.round(points).astype(np.int64)
     return block
+
+
+def _coordinates(
+    file: GltfFile, attributes: dict[str, int], by: tuple[float, ...], count: int, where: str
+) -> Floats | None:  # fmt: skip
+    """(n,2) texture coordinates of the one set that is used, None without."""
+    for name in [k for k in attributes if k.startswith("TEXCOORD_")]:
+        uv = file.accessor(attributes[name], ("VEC2",), f"{where} {name}")
+        _same(file, uv, count, f"{where} {name}")
+        uv = moved(uv, by)
+        return np.stack([uv[:, 0], 1 - uv[:, 1]], -1)  # glTF counts from the top of the picture
+    return None
 
 
 def _same(file: GltfFile, array: NDArray, count: int, where: str) -> None:
@@ -232,24 +243,25 @@ def _triangles(file: GltfFile, primitive: dict[str, Any], mode: int, count: int,
 
 
 def _material(file: GltfFile, primitive: dict[str, Any], where: str) -> tuple[Material, float]:
-    """How a primitive looks: factors only, pictures are not read. And its crease angle if we wrote it."""
+    """How a primitive looks: factors and the picture of its base colour. And its crease angle if we wrote it."""
     if primitive.get("material") is None:
         return Material(color=(1.0, 1.0, 1.0), roughness=1.0), float(np.pi)
     materials = file.items("materials")
     k = file.integer(primitive, "material", where, len(materials))
     entry, where = materials[k], f"material {k}"
     look = file.object(entry, "pbrMetallicRoughness")
-    base = np.clip(file.numbers(look, "baseColorFactor", where, (1, 1, 1, 1)), 0, 1)
+    tone = np.clip(file.numbers(look, "baseColorFactor", where, (1, 1, 1, 1)), 0, 1)
     glow = np.clip(file.numbers(entry, "emissiveFactor", where, (0, 0, 0)), 0, 1)
     crease = file.object(file.object(entry, "extras"), "hanim").get("creaseAngle")
     made = Material(
         file.text(entry, "name"),
-        _triple(srgb(base[:3])),
+        _triple(srgb(tone[:3])),
         file.share(look, "roughnessFactor", where),
         file.share(look, "metallicFactor", where),
-        float(base[3]) if entry.get("alphaMode") == "BLEND" else 1.0,
+        float(tone[3]) if entry.get("alphaMode") == "BLEND" else 1.0,
         _triple(srgb(glow)),
         entry.get("doubleSided") is True,
+        picture=base(file, entry, where),
     )
     return made, float(crease) if isinstance(crease, int | float) and 0 <= crease <= np.pi else float(np.pi)
 
@@ -318,8 +330,8 @@ def shapes(surface: Surface, point: Whole, count: int) -> list[Shape]:
             used, where = np.unique(triangles, return_inverse=True)
             shape.uv, shape.uv_triangles = _unique_uv(block.uv[used], where.reshape(-1, 3))
         if painted and block.colors is not None:
-            base = np.array([_linear(c) for c in material.color])
-            colors[corners.reshape(-1)] = srgb(block.colors[triangles.reshape(-1)] * base)
+            tone = np.array([_linear(c) for c in material.color])
+            colors[corners.reshape(-1)] = srgb(block.colors[triangles.reshape(-1)] * tone)
             shape.colors = colors
         out.append(shape)
     return out
@@ -345,10 +357,3 @@ def displacers(surface: Surface, point: Whole, first: Whole) -> list[Displacer |
         index = np.flatnonzero((np.abs(offset) > LEAST_MOVE).any(axis=1))
         out.append(Displacer(name, index.astype(np.int32), offset[index], weight) if len(index) else None)
     return out
-
-
-def warn_pictures(file: GltfFile) -> None:
-    """Textures are not read: one warning, but not for the white pixel of our own writer."""
-    names = [file.text(i, "name") for i in file.items("images")]
-    if any(n != "white" for n in names):
-        warn(f"{file.path}: {len(names)} pictures were left out; surfaces keep their base colours")

@@ -76,14 +76,22 @@ Value = Span | Object | List
 
 
 class Tree:
-    """A JSON text and its top value. `path` is for messages. FileError with the line where it is no JSON."""
+    """A JSON text and its top value. `path` is for messages. FileError with the line where it is no JSON; with `partly`
+    that is kept as `failure`, and `top` is what stands before it."""
 
-    def __init__(self, path: object, text: str, *, limits: Limits = LIMITS):
+    def __init__(self, path: object, text: str, *, limits: Limits = LIMITS, partly: bool = False):
         self.path, self.text, self.limits = path, text, limits
         self.ends = [m.start() for m in re.finditer("\n", text)]
         self.count = 0
         self.told = False  # about numbers that aren't JSON's
-        self.top = self._read()
+        self.top: Value = Span(0, 0)
+        self.failure: FileError | None = None
+        try:
+            self._read()
+        except FileError as failure:
+            if not partly:
+                raise
+            self.failure = failure
 
     def line(self, place: int) -> int:
         """1-based line of a place in the text."""
@@ -116,11 +124,12 @@ class Tree:
         values = value.items if isinstance(value, List) else [value]
         return [s for v in values if (s := self.string(v)) is not None]
 
-    def _read(self) -> Value:
+    def _read(self) -> None:
         text = self.text
         deepest = 4 * self.limits.depth + 16
         stack: list[Object | List] = []
         top, place = self._value(_BLANK.match(text).end())  # type: ignore[union-attr]
+        self.top = top
         if not isinstance(top, Span):
             stack.append(top)
         after, comma = False, False  # whether a value stands before this place, or a comma
@@ -167,7 +176,6 @@ class Tree:
         place = _BLANK.match(text, place).end()  # type: ignore[union-attr]
         if place < len(text):
             raise self.fail(place, f"expected the end of the file, found {self.found(place)}")
-        return top
 
     def _simple(self, holder: Object, place: int, comma: bool) -> tuple[int, bool, bool]:
         """Keys with plain values, as many as come: (place behind them, whether the object ends, whether a comma did)."""

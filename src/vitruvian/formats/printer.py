@@ -95,8 +95,22 @@ class Printer:
         return text
 
 
+def _plain(node: Node) -> Iterator[tuple[str, Node | Use | Comment]]:
+    """(field, child) one field after the other."""
+    for name, value in node.fields.items():
+        if isinstance(value, Node | Use):
+            yield name, value
+        elif isinstance(value, list):
+            yield from ((name, v) for v in value if isinstance(v, Node | Use | Comment))
+
+
 def entries(node: Node) -> Iterator[tuple[str, Node | Use | Comment]]:
     """(field, child or comment) in XML's order; comments outside of lists stand before their field."""
+    if not node.comments and not node.order:
+        plain = list(_plain(node))
+        if not any(isinstance(v, Comment) for _, v in plain):
+            yield from plain
+            return
     before: dict[str, list[Comment]] = {}
     for name, comment in node.comments:
         before.setdefault(name, []).append(comment)

@@ -148,7 +148,9 @@ def save(
     A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
     Scene files are .x3d (XML), .x3dv (Classic), .x3dj or .json (JSON) and .wrl (VRML97). They also take a list of
     Humanoids and Clips: several figures, and several clips of one figure. Their options: `motion` "interpolators" or
-    "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted.
+    "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted. `bake` writes, for viewers
+    that do not skin, the points of the skin as keys of a CoordinateInterpolator, fewest that are within `tolerance`
+    (metres) of every frame; the report then has `baked` (see `formats.bake`). USD takes `bake` too: every frame.
 
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
@@ -205,9 +207,37 @@ def save(
         report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
+    elif options.pop("bake", False):
+        report |= _save_baked(thing, path, form, hanim, clip, **options)
     else:
         report["lost"] += _save_scene(thing, path, form, hanim, **options)
     return report
+
+
+def _save_baked(
+    thing: Any, path: Path, form: str, hanim: str | None, clip: str | None, *, tolerance: float = 0.001
+) -> dict[str, Any]:
+    """A scene whose skins move by CoordinateInterpolators. The report of `save`."""
+    from vitruvian.formats.bake import bake_skin
+
+    if hanim == "1.1":
+        raise VitruvianError("bake: H-Anim 1.1 has no skin; write 200x, or cut the skin into segments")
+    version = hanim or ("200x" if form == ".wrl" else "2.0")
+    figures, lost, baked = [], [], []
+    for one in thing if isinstance(thing, list | tuple) else [thing]:
+        moving = _clip(one, path, clip)
+        plain, tracks, facts = bake_skin(moving, tolerance=tolerance)
+        if moving.motion is not None:
+            (plain,) = _with_clips([replace(moving, humanoid=plain)], path, "interpolators")
+            plain = replace(plain, tracks=[t for t in plain.tracks if t.field != "weight"])
+        fitted, gone = _without_newer_joints(plain, form, version)
+        figures.append(replace(fitted, tracks=[*fitted.tracks, *tracks]))
+        lost += facts.pop("lost") + gone
+        baked.append(facts)
+    lost += _write_figures(figures, path, form, version)
+    facts = {k: max(b[k] for b in baked) for k in ("frames", "keys", "max_error_m")}
+    facts |= {"points": sum(b["points"] for b in baked), "tolerance_m": tolerance, "bytes": path.stat().st_size}
+    return {"lost": lost, "max_vertex_error_m": facts["max_error_m"], "baked": facts}
 
 
 def _clip(thing: Any, path: Path, clip: str | None = None) -> Any:
@@ -228,8 +258,6 @@ def _clip(thing: Any, path: Path, clip: str | None = None) -> Any:
 def _save_scene(
     thing: Any, path: Path, extension: str, hanim: str | None, *, motion: str = "interpolators", draft: bool = False
 ) -> list[str]:
-    from vitruvian.hanim.build import scene_of
-
     things = list(thing) if isinstance(thing, list | tuple) else [thing]
     if not things:
         raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
@@ -239,10 +267,23 @@ def _save_scene(
         fitted, gone = _without_newer_joints(humanoid, extension, hanim)
         humanoids.append(fitted)
         before += gone
+    return before + _write_figures(humanoids, path, extension, hanim, draft=draft)
+
+
+def _write_figures(
+    humanoids: list[Humanoid], path: Path, extension: str, hanim: str | None, *, draft: bool = False
+) -> list[str]:
+    from vitruvian.formats.pictures import Addresses, staying
+    from vitruvian.hanim.build import scene_of
+
     encoding = "x3dj" if extension == ".json" else extension[1:]
-    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft)
+    addresses = Addresses(path, beside=encoding == "wrl")  # VRML97 browsers know no data URIs
+    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft, address=addresses)
+    if built is humanoids[0].scene:  # it goes back as it came, with the addresses that it has
+        lost += staying(humanoids, path.parent)
+    addresses.write()
     write_scene(built, path)
-    return before + lost
+    return lost + addresses.lost()
 
 
 def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:

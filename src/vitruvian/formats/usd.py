@@ -61,7 +61,7 @@ def write_usd(
     meshes = [t for t in things if isinstance(t, Mesh)]
     sequence = bake and len(meshes) == len(things)
     rates = [t.motion.fps for t in things if isinstance(t, Clip) and t.motion is not None]
-    stage = Stage(rates[0] if rates else fps, several=len(things) > 1 and not sequence)
+    stage = Stage(rates[0] if rates else fps, Path(path), several=len(things) > 1 and not sequence)
     if sequence:
         _sequence(stage, meshes, fps, report)
     else:
@@ -77,6 +77,7 @@ def write_usd(
     with atomic(path) as temporary:
         stage.export(temporary, Path(path).stem)
         report["bytes"] = temporary.stat().st_size
+    report["lost"] += stage.pictures.lost()
     return report
 
 
@@ -93,10 +94,15 @@ def identifier(name: str, taken: set[str]) -> str:
 
 
 class Stage:
-    """A USD stage being written, at `rate` time codes per second. Several things hang under one root."""
+    """A USD stage being written, at `rate` time codes per second. Several things hang under one root; `pictures` go
+    beside the file of that `path`, or into the package."""
 
-    def __init__(self, rate: float, *, several: bool = False):
+    def __init__(self, rate: float, path: Path, *, several: bool = False):
         from pxr import Kind, Usd, UsdGeom
+
+        from vitruvian.formats.pictures import Addresses
+
+        self.pictures = Addresses(path, beside=True)
 
         self.usd = Usd.Stage.CreateInMemory()
         self.rate = float(rate)
@@ -138,12 +144,14 @@ class Stage:
         layer = self.usd.GetRootLayer()
         if path.suffix.lower() != ".usdz":
             self._write(layer, path)
+            self.pictures.write()
             return
         from pxr import Sdf, UsdUtils
 
         with tempfile.TemporaryDirectory(prefix=".usdz-", dir=path.parent) as folder:
             inner = Path(folder) / f"{identifier(stem, set())}.usdc"
             self._write(layer, inner)
+            self.pictures.write(Path(folder))
             if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path)):
                 raise VitruvianError(f"{path}: the USD library could not write the package")
 

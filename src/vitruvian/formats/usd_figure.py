@@ -65,6 +65,8 @@ def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
         report["overweight_vertices"] = int((body.skin.weights.sums > 1 + _ROUNDING).sum())
         _extent(root, clip, codes)
     animation = rig.animate(stage, root, motion, channels, codes)
+    if motion is not None and motion.joint_scale is not None:
+        report["lost"].append("scales of joints over time: they stay as they are at rest")
     rounded = np.abs(body.skeleton.scale.astype(np.float16) - body.skeleton.scale).max(axis=1) > 0
     if motion is not None and rounded.any():
         report["lost"].append(f"{int(rounded.sum())} joint scales are rounded to the half floats of SkelAnimation")

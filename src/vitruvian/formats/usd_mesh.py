@@ -250,8 +250,9 @@ def _material(stage: Stage, root: Any, looks: dict[tuple, Any], part: Part, colo
     from pxr import Gf, Sdf, UsdGeom, UsdShade
 
     from vitruvian.formats.usd import identifier
+    from vitruvian.formats.usd_pictures import texture
 
-    key = (None if colored else part.color, part.roughness, part.metallic, part.opacity)
+    key = (None if colored else part.color, part.roughness, part.metallic, part.opacity, part.picture)
     if key in looks:
         return looks[key]
     scope = root.GetPath().AppendChild("Looks")
@@ -261,16 +262,19 @@ def _material(stage: Stage, root: Any, looks: dict[tuple, Any], part: Part, colo
     shader = UsdShade.Shader.Define(stage.usd, path.AppendChild("surface"))
     shader.CreateIdAttr("UsdPreviewSurface")
     diffuse = shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-    if colored:
+    shown = part.picture is not None and texture(stage, path, shader, part.picture, tuple(_tone(part)))
+    if colored and not shown:
         reader = UsdShade.Shader.Define(stage.usd, path.AppendChild("paint"))
         reader.CreateIdAttr("UsdPrimvarReader_float3")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("displayColor")
         reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*_tone(part)))
         diffuse.ConnectToSource(reader.CreateOutput("result", Sdf.ValueTypeNames.Float3))
-    else:
+    elif not shown:
         diffuse.Set(Gf.Vec3f(*_tone(part)))
     for name, value in (("roughness", part.roughness), ("metallic", part.metallic), ("opacity", part.opacity)):
-        shader.CreateInput(name, Sdf.ValueTypeNames.Float).Set(float(np.clip(value, 0, 1)))
+        given = shader.CreateInput(name, Sdf.ValueTypeNames.Float)
+        if not given.HasConnectedSource():  # a picture's transparency
+            given.Set(float(np.clip(value, 0, 1)))
     material.CreateSurfaceOutput().ConnectToSource(shader.CreateOutput("surface", Sdf.ValueTypeNames.Token))
     looks[key] = material
     return material

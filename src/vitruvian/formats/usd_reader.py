@@ -22,6 +22,7 @@ from vitruvian.errors import FileError, warn
 from vitruvian.formats import usd_stage
 from vitruvian.formats.usd import require_usd
 from vitruvian.formats.usd_build import humanoid_of
+from vitruvian.formats.usd_pictures import attach
 from vitruvian.formats.usd_shapes import mesh_of
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.stage.clip import Mesh
@@ -42,6 +43,7 @@ def read_usd(path: str | os.PathLike[str], *, seconds: int = 30) -> list[Humanoi
     """
     require_usd()
     document = _read(Path(path), seconds)
+    attach(document)
     for note in document["notes"][:10]:
         warn(f"{path}: {note}")
     try:

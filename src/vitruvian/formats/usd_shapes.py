@@ -129,6 +129,7 @@ def _material(part: dict[str, Any], tone: tuple[float, float, float], two_sided:
     if all(c in about for c in ("red", "green", "blue")):
         color = (float(about["red"]), float(about["green"]), float(about["blue"]))
     out = Material(str(part.get("material", "")), color, double_sided=bool(about.get("doubleSided", two_sided)))
+    out.picture = part.get("picture")
     for field in ("roughness", "metallic", "opacity"):
         value = part.get(field)
         if value is not None and np.isfinite(value):

@@ -17,10 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.formats.usd_pictures import Found
+
 MAX_BYTES = 1 << 29  # of all layers together
 MAX_LAYERS = 256
 MAX_PRIMS = 200_000
 MAX_NUMBERS = 1 << 27  # of an animation
+LAYERS = (".usd", ".usda", ".usdc")
 MEMORY = 6 << 30  # bytes of addresses, most of which are never used
 
 
@@ -76,7 +79,7 @@ def _read(path: Path, folder: Path) -> dict[str, Any]:
     notes = _check_layers(path, home)
     os.chdir(path.parent)  # where USD looks for what it can't find beside a layer
     try:
-        return Reader(Usd.Stage.Open(str(path)), notes).document()
+        return Reader(Usd.Stage.Open(str(path)), notes, home).document()
     except Tf.ErrorException as error:
         raise Refused(_line(error)) from None
 
@@ -91,7 +94,7 @@ def _line(error: Exception) -> str:
 
 
 def _unpacked(path: Path, folder: Path) -> Path:
-    """The layers of a package, unpacked; the first one is the root."""
+    """The layers and pictures of a package, unpacked; the first layer is the root."""
     root = None
     try:
         with zipfile.ZipFile(path) as package:
@@ -102,10 +105,11 @@ def _unpacked(path: Path, folder: Path) -> Path:
                 target = Path(os.path.normpath(folder / member.filename))
                 if not target.is_relative_to(folder):
                     raise Refused(f"holds a file outside of itself: {member.filename}")
-                if target.suffix.lower() in (".usd", ".usda", ".usdc"):
+                form = target.suffix.lower()
+                if form in LAYERS or form in (".png", ".jpg", ".jpeg"):
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(package.read(member))
-                    root = root or target
+                    root = root or (target if form in LAYERS else None)
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError) as error:
         raise Refused(f"expected a USDZ package: {error}") from None
     if root is None:
@@ -164,10 +168,11 @@ def _has_clips(layer: Any) -> bool:
 class Reader:
     """One composed stage."""
 
-    def __init__(self, stage: Any, notes: list[str]):
+    def __init__(self, stage: Any, notes: list[str], home: Path):
         from pxr import Usd, UsdGeom
 
         self.stage, self.notes = stage, notes
+        self.pictures = Found(home, notes)
         self.start = Usd.TimeCode.EarliestTime()
         self.world = UsdGeom.XformCache(self.start)
         self.done: set[str] = set()  # meshes that a skeleton moves
@@ -216,6 +221,7 @@ class Reader:
             "unit": unit,
             "figures": figures,
             "meshes": meshes,
+            "pictures": self.pictures.entries,
             "notes": self.notes,
         }
 
@@ -409,6 +415,7 @@ class Reader:
         if color and color.HasConnectedSource():
             reader = UsdShade.Shader(color.GetConnectedSources()[0][0].source.GetPrim())
             out["painted"] = str(reader.GetIdAttr().Get()).startswith("UsdPrimvarReader")
+            out |= self.pictures.of(color, shader.GetInput("opacity"), shader.GetInput("opacityThreshold"))
         elif color and color.Get() is not None:
             out["color"] = [float(c) for c in color.Get()]
         for name in ("roughness", "metallic", "opacity"):

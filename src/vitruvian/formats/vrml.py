@@ -68,8 +68,12 @@ def parse_vrml(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits
         scene.header_comments.append(Comment(rest.strip(), 1))
     refuse_crowds(path, text, "{", limits.nodes, "nodes")
     reader = _Reader(path, text, start, scene, limits)
-    with no_collection():
-        run(reader.statements(scene.body, ""))
+    try:
+        with no_collection():
+            run(reader.statements(scene.body, ""))
+    except FileError as failure:
+        failure.partial = scene
+        raise
     reader.scopes.finish()
     return scene
 

@@ -44,7 +44,12 @@ def parse_x3d(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits 
             reader.expat.Parse(data, True)
     except expat.ExpatError as error:
         what = expat.errors.messages.get(error.code, str(error))
-        raise FileError(path, error.lineno, reader.broken(what)) from None
+        failure = FileError(path, error.lineno, reader.broken(what))
+        failure.partial = reader.scene
+        raise failure from None
+    except FileError as failure:
+        failure.partial = reader.scene
+        raise
     except (LookupError, ValueError) as error:  # an encoding that nobody knows
         raise FileError(path, 1, f"can't be decoded: {error}") from None
     reader.scopes.finish()

@@ -9,6 +9,7 @@ XML would have them inside a string, nodes without the field they belong to, com
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator
 
 from vitruvian.errors import FileError, warn
@@ -57,14 +58,25 @@ def parse_json(data: bytes, path: str | os.PathLike[str] = "", *, limits: Limits
         kind = "XML; name it .x3d" if start[0] == "<" else "Classic X3D or VRML; name it .x3dv or .wrl"
         raise FileError(path, 1, f"is not JSON but {kind}")
     refuse_crowds(path, text, "{", limits.entries + 2 * limits.nodes, "objects")
-    with no_collection():
-        tree = Tree(path, text, limits=limits)
+    with no_collection(), warnings.catch_warnings():
+        tree = Tree(path, text, limits=limits, partly=True)
+        if (failure := tree.failure) is not None:
+            warnings.simplefilter("ignore")  # what is read now is for whoever tells about the failure
         top = tree.top.items.get("X3D") if isinstance(tree.top, Object) else None
-        if top is None or not isinstance(top[1], Object):
-            found = f"the key {next(iter(tree.top.items), '(none)')!r}" if isinstance(tree.top, Object) else "no object"
-            raise FileError(path, 1, f'expected {{"X3D": {{...}}}} at the top, found {found}')
         reader = _Reader(tree, limits)
-        reader.read(top[1])
+        try:
+            if top is not None and isinstance(top[1], Object):
+                reader.read(top[1])
+            elif failure is None:
+                found = (
+                    f"the key {next(iter(tree.top.items), '(none)')!r}" if isinstance(tree.top, Object) else "no object"
+                )
+                raise FileError(path, 1, f'expected {{"X3D": {{...}}}} at the top, found {found}')
+        except FileError as error:
+            failure = failure or error
+    if failure is not None:
+        failure.partial = reader.scene
+        raise failure
     return reader.scene
 
 

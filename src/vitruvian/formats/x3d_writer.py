@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 
 from vitruvian.formats.atomic import atomic
 from vitruvian.formats.printer import Printer, Step, entries, run
@@ -26,6 +27,7 @@ from vitruvian.hanim.graph import (
 _SPECIAL = re.compile(r"[&<'\n\t\r]")
 _ESCAPES = {"&": "&amp;", "<": "&lt;", "'": "&apos;", "\n": "&#10;", "\t": "&#9;", "\r": "&#13;"}
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+_TROUBLE = re.compile(f"{_FORBIDDEN.pattern[:-1]}&<'\n\t\r]")
 _NAME = re.compile(r"[^\W\d][\w.-]*(?::[^\W\d][\w.-]*)?")
 _VERSIONS = ("3.0", "3.1", "3.2", "3.3", "4.0")
 
@@ -51,15 +53,23 @@ def print_x3d(scene: Scene) -> tuple[str, list[str]]:
     return "\n".join(printer.lines), printer.lost
 
 
+@lru_cache(maxsize=1024)
+def _legal(name: str) -> bool:
+    """Whether XML can hold the name of an element or attribute."""
+    return _NAME.fullmatch(name) is not None
+
+
 class _XmlPrinter(Printer):
     def attributes(self, **pairs: str | None) -> str:
         return "".join(f" {key}='{self.escape(text)}'" for key, text in pairs.items() if text is not None)
 
     def escape(self, text: str) -> str:
+        if not _TROUBLE.search(text):
+            return text
         if _FORBIDDEN.search(text):
             self.lose("control characters, which XML can't hold; written as U+FFFD")
             text = _FORBIDDEN.sub("\ufffd", text)
-        return _SPECIAL.sub(lambda m: _ESCAPES[m[0]], text) if _SPECIAL.search(text) else text
+        return _SPECIAL.sub(lambda m: _ESCAPES[m[0]], text)
 
     def line(self, depth: int, text: str) -> None:
         self.lines.append("  " * min(depth, 40) + text)
@@ -129,7 +139,7 @@ class _XmlPrinter(Printer):
             self.use(item, name, parent, field, protos, depth)
             return
         instance = node.instance or node.type in protos
-        if not instance and not _NAME.fullmatch(node.type):
+        if not instance and not _legal(node.type):
             self.lose(f"node {node.type}, whose name XML can't hold, with all below it")
             return
         self.begin(node)
@@ -156,7 +166,7 @@ class _XmlPrinter(Printer):
         tag, proto = item.type or (node.type if node is not None else ""), None
         if node is not None and (node.instance or node.type in protos):
             tag, proto = "ProtoInstance", node.type
-        if not tag or not _NAME.fullmatch(tag):
+        if not tag or not _legal(tag):
             tag = "Group"
             self.lose(f"USE {name} stands for nothing, so its type is not known; written as a Group")
         container = self.container(item, parent, tag, True, field)
@@ -184,16 +194,18 @@ class _XmlPrinter(Printer):
         if text is None:
             return ""
         name = self.name(node, key)
-        if not _NAME.fullmatch(name):
+        if not _legal(name):
             self.lose(f"{node.type}.{name}: XML has no attribute of such a name")
             return ""
-        return f" {name}='{self.escape(text)}'"
+        return f" {name}='{text if hasattr(value, 'dtype') else self.escape(text)}'"
 
     def contents(self, node: Node, protos: Mapping[str, Proto], depth: int) -> Step:
         """What stands between a node's tags."""
-        own = {f.name for f in node.interface}
-        comments = [c for c in node.comments if c[0] in own]
-        yield from self.interface(node.interface, comments, protos, depth)
+        comments: list[tuple[str, Comment]] = []
+        if node.interface:
+            own = {f.name for f in node.interface}
+            comments = [c for c in node.comments if c[0] in own]
+            yield from self.interface(node.interface, comments, protos, depth)
         if node.connects:
             self.connections(node, depth)
         for field, child in entries(node):

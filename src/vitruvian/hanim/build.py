@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from vitruvian.hanim.humanoid import (
     Displacer,
     Humanoid,
     Joint,
+    Picture,
     Pose,
     Segment,
     Site,
@@ -37,7 +39,12 @@ _DISPLACERS = {"feature", "action", "config"}
 
 
 def scene_of(
-    humanoids: list[Humanoid], *, version: str | None = None, encoding: str = "x3d", draft: bool = False
+    humanoids: list[Humanoid],
+    *,
+    version: str | None = None,
+    encoding: str = "x3d",
+    draft: bool = False,
+    address: Callable[[Picture], list[str]] | None = None,
 ) -> tuple[Scene, list[str]]:
     """A scene that holds these humanoids, and a list of what it cannot say.
 
@@ -45,7 +52,8 @@ def scene_of(
     "1.1" (VRML97 prototypes); names are converted to it. Without one, humanoids that came together from a file of the same
     family go back into their own scene graph, so that everything unknown to us survives; others are built afresh with
     2.0 names, or as 200x in VRML97. `draft` writes X3D 4.1 as drafted: HAnimPose, `motions_enabled`, `skin_displacers`
-    and other nodes in `children` of the humanoid. Raises `VitruvianError` for combinations that do not exist.
+    and other nodes in `children` of the humanoid. `address` gives the urls of pictures. Raises
+    `VitruvianError` for combinations that do not exist.
     """
     if encoding not in {"x3d", "x3dv", "x3dj", "wrl"}:
         raise VitruvianError(f"encoding: expected x3d, x3dv, x3dj or wrl, found {encoding!r}")
@@ -67,20 +75,26 @@ def scene_of(
     elif encoding != "wrl" and version in {"200x", "1.1"}:
         lost.append(f"X3D does not know H-Anim version {version}: written as 1.0, the same names")
         version = "1.0"
-    return Builder(version, encoding, draft).scene(humanoids, lost), lost
+    return Builder(version, encoding, draft, address).scene(humanoids, lost), lost
 
 
 class Builder:
     """One scene under construction."""
 
-    def __init__(self, version: str, encoding: str, draft: bool = False):
+    def __init__(
+        self,
+        version: str,
+        encoding: str,
+        draft: bool = False,
+        address: Callable[[Picture], list[str]] | None = None,
+    ):
         self.version = version
         self.table = members.DRAFT if draft else version
         self.native = encoding != "wrl"
         x3d = "4.1" if draft else "4.0" if version == "2.0" else "3.3"
         self.out = Scene(encoding=encoding, version=x3d if self.native else "2.0")
         self.names = Names()
-        self.shapes = ShapeWriter(self.names, physical=self.out.version >= "4")
+        self.shapes = ShapeWriter(self.names, physical=self.out.version >= "4", address=address)
         self.routes: list[Route] = []
         self.lost: list[str] = []
         self.missing: Counter[str] = Counter()  # fields that the version lacks, with how many objects give them
@@ -260,7 +274,7 @@ class Builder:
         figure.points[""] = coord
         if h.skin_normal is not None and len(h.skin_normal):
             root.fields["skinNormal"] = Node("Normal", container="skinNormal", fields={"vector": h.skin_normal})
-        if not self.native:
+        if not self.native and any(len(j.skin_coord_index) for j in h.joints()):
             self.lost.append("a moving skin: plain VRML97 browsers draw the skin at rest, only H-Anim browsers move it")
 
     def _joint(self, top: Joint, prefix: str, figure: Lists, h: Humanoid) -> Node:

@@ -17,6 +17,7 @@ _CARRIED = {
         "Material",
         "PhysicalMaterial",
         "ImageTexture",
+        "TextureTransform",
         "Coordinate",
         "TextureCoordinate",
         "Color",

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import re
+from collections.abc import Callable
 
 import numpy as np
 
-from vitruvian.hanim.graph import Literal, Node, Use
-from vitruvian.hanim.humanoid import Array, Material, Shape
+from vitruvian.hanim.graph import Node, Use
+from vitruvian.hanim.humanoid import Array, Material, Picture, Shape
 from vitruvian.hanim.normals import turned
 from vitruvian.hanim.polygons import closed, corner_loops
-from vitruvian.hanim.values import parse
 
 _NOT_NMTOKEN = re.compile(r"[^A-Za-z0-9_.-]")
 
@@ -28,9 +29,11 @@ class Names:
 
     def free(self, wanted: str) -> str:
         """`wanted`, made legal, with a number behind it when it is taken."""
-        base = _NOT_NMTOKEN.sub("_", wanted) or "node"
-        if not (base[0].isalpha() or base[0] == "_"):
-            base = "_" + base
+        base = wanted
+        if not (wanted.isidentifier() and wanted.isascii()):
+            base = _NOT_NMTOKEN.sub("_", wanted) or "node"
+            if not (base[0].isalpha() or base[0] == "_"):
+                base = "_" + base
         name, n = base, 2
         while name in self.taken:
             name, n = f"{base}_{n}", n + 1
@@ -39,13 +42,15 @@ class Names:
 
 
 class ShapeWriter:
-    """Makes Shape nodes; `names` hands out DEFs, `physical` allows X3D 4.0's PhysicalMaterial."""
+    """Makes Shape nodes; `names` hands out DEFs, `physical` allows X3D 4.0's PhysicalMaterial, `address` gives
+    the urls of a picture (default: its own, or one that holds it)."""
 
-    def __init__(self, names: Names, physical: bool):
+    def __init__(self, names: Names, physical: bool, address: Callable[[Picture], list[str]] | None = None):
         self.names, self.physical = names, physical
+        self.address = address or own_address
         self.lost: set[str] = set()
         self._shared: dict[tuple[str, int], Node] = {}
-        self._textures: dict[tuple[str, ...], Node] = {}
+        self._textures: dict[Picture, Node] = {}
         self._alive: list[object] = []  # shared arrays are known by identity: keep them from being freed
 
     def share(self, kind: str, array: object, wanted: str, make: Node) -> Node | Use:
@@ -140,24 +145,24 @@ class ShapeWriter:
         if look.opacity < 1:
             fields["transparency"] = float(1 - look.opacity)
         appearance.fields["material"] = material
-        url = _texture_url(look)
-        if url:
-            if url not in self._textures:
-                self._textures[url] = Node("ImageTexture", self.names.free(f"{prefix}texture"), {"url": list(url)})
-                appearance.fields["texture"] = self._textures[url]
-            else:
-                node = self._textures[url]
-                appearance.fields["texture"] = Use(node.name, node, type=node.type)
+        if look.picture is not None:
+            appearance.fields["texture"] = self._texture(look.picture, prefix)
         wanted = f"{prefix}{look.name.removeprefix(prefix) or 'look'}"
         return self.share("look", look, wanted, appearance)
 
+    def _texture(self, picture: Picture, prefix: str) -> Node | Use:
+        if picture in self._textures:
+            node = self._textures[picture]
+            return Use(node.name, node, type=node.type)
+        fields: dict[str, object] = {"url": self.address(picture)}
+        fields |= {f: False for f, on in zip(("repeatS", "repeatT"), picture.repeat) if not on}
+        self._textures[picture] = Node("ImageTexture", self.names.free(f"{prefix}texture"), fields)
+        return self._textures[picture]
 
-def _texture_url(look: Material) -> tuple[str, ...]:
-    """Addresses of the file's ImageTexture."""
-    found = look.node.children("texture") if look.node is not None else []
-    if not found or found[0].type != "ImageTexture":
-        return ()
-    url = found[0].fields.get("url")
-    if isinstance(url, Literal):
-        url = parse(url, "MFString")
-    return tuple([url] if isinstance(url, str) else url or ())  # type: ignore[arg-type]
+
+def own_address(picture: Picture) -> list[str]:
+    """The addresses of a picture's file, or one that holds its bytes."""
+    if picture.urls:
+        return list(picture.urls)
+    mime = "image/png" if picture.data[:4] == b"\x89PNG" else "image/jpeg"
+    return [f"data:{mime};base64,{base64.b64encode(picture.data).decode()}"]

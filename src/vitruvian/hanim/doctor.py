@@ -8,6 +8,7 @@ and limits.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -16,9 +17,9 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError
 from vitruvian.hanim.doctor_rules import RULES, SEVERITIES
-from vitruvian.hanim.doctor_words import closest
+from vitruvian.hanim.doctor_words import closest, several
 from vitruvian.hanim.graph import Literal, Node, Scene, Use
-from vitruvian.hanim.reading import Reading, leniently
+from vitruvian.hanim.reading import KINDS, Reading, leniently
 from vitruvian.hanim.values import bare
 
 Floats = NDArray[np.float64]
@@ -56,8 +57,26 @@ def finding(rule: str, where: str, line: int, message: str, fix: str = "", path:
 
 
 def unreadable(error: FileError, text: str = "") -> Finding:
-    """F02: the finding for a file that no scene could be read from; `text` is what stands in that line."""
-    return finding("F02", "file", error.line, error.what, f"the line reads: {text}" if text else "")
+    """F02: the finding for a file whose syntax is broken: what stands in that line (`text`), what was read before it."""
+    said = [f"the line reads: {text}"] if text else []
+    if isinstance(error.partial, Scene):
+        said.append(f"read before it: {salvaged(error.partial)}")
+    return finding("F02", "file", error.line, error.what, "; ".join(said))
+
+
+def salvaged(scene: Scene) -> str:
+    """What of a broken scene could be read, in words: H-Anim objects, other nodes, the last node of all."""
+    reading = Reading(scene)
+    nodes = list(scene.walk())
+    counts = Counter(reading.kind(n) for n in nodes)
+    words = [several(counts[k], k.lower(), f"{k.lower()}s") for k in KINDS if counts[k]]
+    if counts[""]:
+        words.append(several(counts[""], "other node", "other nodes"))
+    if not nodes:
+        return "no node"
+    last = max(nodes, key=lambda n: n.line)
+    place = f" of line {last.line}" if last.line else ""
+    return f"{', '.join(words)}; the last is {f'{last.type} {last.name}'.strip()[:80]}{place}"
 
 
 def sort(findings: list[Finding]) -> list[Finding]:

@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 
 from vitruvian.hanim import tables
+from vitruvian.hanim.animation import event
 from vitruvian.hanim.doctor import Chart
 from vitruvian.hanim.doctor_words import several, some
 from vitruvian.hanim.graph import Node, walk_all
@@ -42,6 +43,16 @@ class Figure:
             return own
         derived = name_of(self.chart.reading, node, self.prefixes)
         return node.name if derived in self.given else derived
+
+    @property
+    def baked(self) -> bool:
+        """Whether an interpolator moves the points of the skin, which then needs no weights."""
+        defs, coord = self.chart.defs(), self.skin_coord
+        driven = [r for r in self.chart.scene.routes() if coord is not None and coord.name and r.to_node == coord.name]
+        return any(
+            event(r.to_field) == "point" and r.from_node in defs and defs[r.from_node].type == "CoordinateInterpolator"
+            for r in driven
+        )
 
     @property
     def prefixes(self) -> tuple[str, ...]:
@@ -292,9 +303,9 @@ def _lists(figure: Figure) -> None:
 
 
 def _prototypes(figure: Figure) -> None:
-    if not figure.node.type.startswith("HAnim") and figure.skin:
+    if not figure.node.type.startswith("HAnim") and figure.skin and not figure.baked:
         message = "a PROTO humanoid with a skin: plain VRML browsers do not move it"
-        figure.chart.add("M20", figure.node, message, "write it as X3D")
+        figure.chart.add("M20", figure.node, message, "write it as X3D, or bake its motion into the skin's points")
 
 
 def _shown(figure: Figure) -> None:

@@ -18,7 +18,7 @@ from vitruvian.hanim.animation import event
 from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_fix import Wanted, entries, target
-from vitruvian.hanim.doctor_motion import motions
+from vitruvian.hanim.doctor_fix_played import rebuilt
 from vitruvian.hanim.doctor_pose import crooked_pairs, misplaced, placement, whole_body
 from vitruvian.hanim.doctor_space import DEFAULTS, at_rest, matrix, mesh, rest_matrices, rows, vector
 from vitruvian.hanim.graph import Literal, Node, Use
@@ -37,9 +37,11 @@ def _bake(figure: Figure, wanted: Wanted) -> Iterator[str]:
     if not moved:
         return
     poses, bent = rest_matrices(figure), {id(j) for j in moved}
-    tracks = _tracks(figure, poses)
-    if tracks is None or any(
-        abs(np.linalg.det(m[:3, :3])) < _TINY or np.linalg.det(m[:3, :3]) < 0 for m in poses.values()
+    tracks, played = _tracks(figure, poses), rebuilt(figure, poses)
+    if (
+        tracks is None
+        or played is None
+        or any(abs(np.linalg.det(m[:3, :3])) < _TINY or np.linalg.det(m[:3, :3]) < 0 for m in poses.values())
     ):
         return  # what drives it, or a scale of zero, leaves no one answer: the finding stays
     _bake_skin(figure, poses)
@@ -62,6 +64,8 @@ def _bake(figure: Figure, wanted: Wanted) -> Iterator[str]:
             _still(figure, joint)
     for interpolator, values in tracks:
         interpolator.fields["keyValue"] = values
+    for motion, fields in played:
+        motion.fields |= fields
     yield f"the pose of {len(moved)} joints baked into centres, skin and segments; all joints are at rest (P01)"
 
 
@@ -72,8 +76,6 @@ def _move(pose: Floats, points: Floats) -> Floats:
 def _tracks(figure: Figure, poses: dict[int, Floats]) -> list[tuple[Node, Floats]] | None:
     """Interpolators and their new values; None when something drives the joints that can't be carried over."""
     chart = figure.chart
-    if any(len(chart.numbers(m, "values")) for m in motions(figure)):
-        return None
     defs = chart.scene.defs()
     by_name = {j.name: j for j in figure.joints if j.name}
     drives: dict[int, set[str]] = defaultdict(set)

@@ -70,6 +70,8 @@ def _weights(figure: Figure) -> None:
     if figure.skin_coord is None:
         return
     if not any_weight and figure.joints:
+        if not mentioned and figure.baked:
+            return
         rule = "S05" if mentioned else "M06"
         message = (
             "all weights are zero: the skin does not follow" if mentioned else "no joint has weights: the skin stays"

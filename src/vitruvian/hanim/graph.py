@@ -52,6 +52,8 @@ class Node:
     def children(self, name: str) -> list[Node]:
         """The nodes in a node-valued field, USEs resolved, comments skipped; [] when absent or NULL."""
         value = self.fields.get(name)
+        if value is None:
+            return []
         if isinstance(value, Node | Use):
             value = [value]
         if not isinstance(value, list):
@@ -201,7 +203,9 @@ def walk_all(nodes: list[Node]) -> Iterator[Node]:
             stack.extend(child for _, child in reversed(list(node.entries())) if isinstance(child, Node))
             continue
         for value in reversed(node.fields.values()):
+            if value.__class__ is Literal:  # most of them
+                continue
             if isinstance(value, Node):
                 stack.append(value)
             elif isinstance(value, list):
-                stack.extend(child for child in reversed(value) if isinstance(child, Node))
+                stack += [child for child in reversed(value) if isinstance(child, Node)]

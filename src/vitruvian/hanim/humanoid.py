@@ -64,9 +64,28 @@ class Displacer(Described):
     node: Node | None = None
 
 
+@dataclass(slots=True, frozen=True)
+class Picture:
+    """A picture that texture coordinates lay on a surface: PNG or JPEG `data`, or the `urls` of a file in `folder`.
+
+    `repeat`: whether it repeats beyond 0..1 in u and v. `alpha`: its transparency cuts holes ("mask"), fades ("blend"),
+    or does not count ("").
+    """
+
+    name: str = ""
+    data: bytes = b""
+    urls: tuple[str, ...] = ()
+    folder: str = ""
+    repeat: tuple[bool, bool] = (True, True)
+    alpha: str = ""
+
+
 @dataclass(slots=True, eq=False)
 class Material:
-    """How a surface looks: sRGB colours in 0..1. `roughness`, `metallic` as in glTF; `emission` sRGB."""
+    """How a surface looks: sRGB colours in 0..1. `roughness`, `metallic` as in glTF; `emission` sRGB.
+
+    `picture` replaces or, where programs do so, multiplies the colour.
+    """
 
     name: str = ""
     color: tuple[float, float, float] = (0.8, 0.8, 0.8)
@@ -76,6 +95,7 @@ class Material:
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     double_sided: bool = False
     node: Node | None = None  # the file's Appearance
+    picture: Picture | None = None
 
 
 @dataclass(slots=True, eq=False)

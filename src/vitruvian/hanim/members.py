@@ -178,6 +178,8 @@ def alike(a: object, b: object) -> bool:
     """Whether two field values are the same, arrays and sequences by their elements."""
     if a is None or b is None:
         return a is b
+    if isinstance(a, np.ndarray) and isinstance(b, tuple) and a.ndim == 1 and a.size <= 16:
+        return tuple(a.tolist()) == b or a.size == len(b) == 0
     if isinstance(a, np.ndarray | list | tuple) or isinstance(b, np.ndarray | list | tuple):
         x, y = np.asarray(a), np.asarray(b)
         return bool(np.array_equal(x, y)) or x.size == y.size == 0
@@ -233,7 +235,10 @@ _STRICT = {
 
 def read_members(reading: Reading, node: Node, thing: object, kind: str, *, soft: bool = False) -> None:
     """Fill the plain fields of a typed object, its metadata and its extras. `soft`: nothing in it is refused."""
+    given = None if node.type in reading.protos else node.fields
     for m in MEMBERS[kind]:
+        if given is not None and m.field not in given:
+            continue
         raw = reading.raw(node, m.field)
         if raw is None:
             continue

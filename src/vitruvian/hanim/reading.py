@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vitruvian.errors import FileError, warn
 from vitruvian.hanim.graph import Literal, Node, Proto, Scene
+from vitruvian.hanim.humanoid import Picture
 from vitruvian.hanim.values import bare, parse
 
 Floats = NDArray[np.float64]
@@ -25,6 +26,7 @@ _MARKS = (
     ("displacements", "Displacer"),
 )
 _WIDTH = {"SFVec2f": 2, "SFVec3f": 3, "SFRotation": 4, "SFColor": 3}
+_VECTORS = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}
 _SHARED = {"Coordinate", "CoordinateDouble", "TextureCoordinate", "Color", "ColorRGBA", "Normal"}
 _LENGTHS = {"center", "translation", "point", "displacements", "centerOfMass", "jointBindingPositions", "size"}
 _LENGTHS |= {"bboxCenter", "position"}
@@ -64,6 +66,7 @@ class Reading:
         self.repairs = 0
         self._shared: dict[tuple[int, str], Floats] = {}
         self.primitives: dict[int, tuple[Floats, Ints]] = {}  # points and triangles, by geometry node
+        self.pictures: dict[int, Picture] = {}  # by texture node
         self._kinds: dict[str, str] = {}
 
     def kind(self, node: Node) -> str:
@@ -134,7 +137,10 @@ class Reading:
         """A fixed-length field, shape (len(default),); lengths in metres, angles in radians."""
         if self.raw(node, field) is None:
             return np.array(default, np.float64)
-        kind = {2: "SFVec2f", 3: "SFVec3f", 4: "SFRotation"}[len(default)]
+        kind = _VECTORS[len(default)]
+        found = self._at_once(node, field, kind)
+        if isinstance(found, np.ndarray) and len(found) == len(default):
+            return self._in_si(found, node, field, kind)
         before = self.repairs
         array = self._numbers(node, field, kind)
         if array is None and self.repairs == before:
@@ -148,16 +154,28 @@ class Reading:
             self.broken(f"{self.who(node)} {field}: expected {expected}, found {len(array)}: {found}", node)
             self.mend(node, field, np.array(default))
             return np.array(default)
-        array = array.copy()
-        if field in _LENGTHS:
+        return self._in_si(array.copy(), node, field, kind)
+
+    def _at_once(self, node: Node, field: str, kind: str) -> object:
+        """The typed value of source text that nothing is wrong with, else None."""
+        raw = self.raw(node, field)
+        try:
+            return parse(raw, kind, self.path) if isinstance(raw, Literal) else None
+        except FileError:
+            return None  # said, or mended, where it is looked at closely
+
+    def _in_si(self, array: Floats, node: Node, field: str, kind: str) -> Floats:
+        """The same array in metres or radians, a rotation about a unit axis."""
+        if kind == "SFRotation":
+            return self._rotation(array, node, field)
+        if field in _LENGTHS and self.length != 1:
             array *= self.length
-        elif kind == "SFRotation":
-            array = self._rotation(array, node, field)
         return array
 
     def _rotation(self, value: Floats, node: Node, field: str) -> Floats:
         """The axis made a unit vector, the angle in radians; a zero axis means no rotation."""
-        size = float(np.linalg.norm(value[:3]))
+        x, y, z, _ = value.tolist()
+        size = (x * x + y * y + z * z) ** 0.5
         value[3] *= self.angle
         if size == 0:
             if value[3] != 0:
@@ -191,7 +209,8 @@ class Reading:
             if self.repairs > before:
                 self.mend(node, field, None)
             return np.zeros(0 if width == 1 else (0, width))
-        bad = np.flatnonzero(~np.isfinite(array))
+        told = isinstance(self.raw(node, field), Literal) and self.repairs == before  # text gives finite numbers only
+        bad = np.zeros(0) if told else np.flatnonzero(~np.isfinite(array))
         if bad.size:
             if self.repairs == before:
                 at = f"{array[bad[0]]} at entry {int(bad[0]) // width}"
@@ -210,6 +229,9 @@ class Reading:
 
     def indices(self, node: Node, field: str) -> Ints:
         """A many-valued integer field, shape (n,)."""
+        found = self._at_once(node, field, "MFInt32")
+        if isinstance(found, np.ndarray):
+            return found
         array = self.numbers(node, field, "MFInt32")
         if array.size and float(np.abs(array).max()) > 2**31 - 1:
             self.broken(
@@ -221,6 +243,11 @@ class Reading:
 
     def number(self, node: Node, field: str, default: float) -> float:
         """A single number."""
+        if self.raw(node, field) is None:
+            return default
+        found = self._at_once(node, field, "SFFloat")
+        if isinstance(found, float):
+            return found
         before = self.repairs
         array = self._numbers(node, field, "SFFloat")
         if self.repairs > before:

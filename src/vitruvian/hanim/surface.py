@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from vitruvian.hanim import triangulate
 from vitruvian.hanim.graph import Node
-from vitruvian.hanim.humanoid import Material, Shape
+from vitruvian.hanim.humanoid import Material, Picture, Shape
 from vitruvian.hanim.reading import Reading
 
 Floats = NDArray[np.float64]
@@ -17,6 +19,8 @@ _GROUPS = {"Group", "StaticGroup", "Collision", "Anchor", "Billboard", "CADLayer
 _FLAT = {"IndexedLineSet", "LineSet", "PointSet", "Text"}  # drawn as lines or letters: no surface
 _PRIMITIVES = {"Box", "Sphere", "Cylinder", "Cone"}
 _DEPTH = 512
+_PLACES = {"translation", "center", "rotation", "scale", "scaleOrientation"}
+_COLOURING = {"texture", "diffuseTexture", "baseTexture", "emissiveTexture"}
 
 
 def drawable(node: Node) -> bool:
@@ -26,6 +30,8 @@ def drawable(node: Node) -> bool:
 
 def transform_of(reading: Reading, node: Node) -> Floats:
     """(4, 4) of a Transform's fields: T C R SR S -SR -C, column vectors."""
+    if node.type not in reading.protos and not _PLACES.intersection(node.fields):
+        return np.eye(4)
     return matrix(
         reading.vector(node, "translation", (0, 0, 0)),
         reading.vector(node, "center", (0, 0, 0)),
@@ -37,8 +43,9 @@ def transform_of(reading: Reading, node: Node) -> Floats:
 
 def matrix(translation: Floats, center: Floats, rotation: Floats, scale: Floats, orientation: Floats) -> Floats:
     """(4, 4) T C R SR S -SR -C of the five fields that Transform, Joint, Site and Humanoid share; unit axes."""
-    so = _turn(orientation)
-    linear = _turn(rotation) @ so @ np.diag(scale) @ so.T
+    linear = np.diag(scale) if orientation[3] == 0 else _turn(orientation) @ np.diag(scale) @ _turn(orientation).T
+    if rotation[3] != 0:
+        linear = _turn(rotation) @ linear
     placed = np.eye(4)
     placed[:3, :3] = linear
     placed[:3, 3] = translation + center - linear @ center
@@ -49,9 +56,16 @@ def _turn(rotation: Floats) -> Floats:
     """(3, 3) of a unit axis and angle."""
     if rotation[3] == 0:
         return np.eye(3)
-    x, y, z, angle = rotation
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    x, y, z, angle = rotation.tolist()
+    c, s = math.cos(angle), math.sin(angle)
+    k = 1 - c
+    return np.array(
+        [
+            [c + k * x * x, k * x * y - s * z, k * x * z + s * y],
+            [k * x * y + s * z, c + k * y * y, k * y * z - s * x],
+            [k * x * z - s * y, k * y * z + s * x, c + k * z * z],
+        ]
+    )
 
 
 def shapes(reading: Reading, nodes: list[Node], skin_coord: Node | None = None) -> list[Shape]:
@@ -213,9 +227,9 @@ def _index(reading: Reading, node: Node, field: str, limit: int, separated: bool
     """An index list checked against the number of points; in repair mode faces with a bad index are dropped."""
     index = reading.indices(node, field).astype(np.int64)
     low = -1 if separated else 0
-    bad = (index >= limit) | (index < low)
-    if not bad.any():
+    if not index.size or (index.max() < limit and index.min() >= low):
         return index
+    bad = (index >= limit) | (index < low)
     first = int(np.flatnonzero(bad)[0])
     what = f"{field}: expected indices in 0..{limit - 1}, found {index[first]} at entry {first}"
     reading.broken(f"{reading.who(node)} {what}; check the point list or drop the face", node)
@@ -268,8 +282,26 @@ def _texture(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned
         reading.mend(geometry, "texCoordIndex", np.zeros(0, np.int32))
         reading.mend(geometry, "texCoord", None)
         return
-    shape.uv = uv
+    shape.uv = _mapped(reading, shape, uv)
     shape.uv_triangles = np.ascontiguousarray((corners[:, ::-1] if turned else corners).astype(np.int32))
+
+
+def _mapped(reading: Reading, shape: Shape, uv: Floats) -> Floats:
+    """Texture coordinates as the appearance's TextureTransform moves them: S R (uv + T + C) - C (ISO/IEC 19775-1)."""
+    look = shape.material.node
+    found = look.children("textureTransform") if look is not None else []
+    if not found or found[0].type != "TextureTransform":
+        return uv
+    shift, center, size = (
+        reading.vector(found[0], field, default)
+        for field, default in (("translation", (0.0, 0.0)), ("center", (0.0, 0.0)), ("scale", (1.0, 1.0)))
+    )
+    angle = reading.number(found[0], "rotation", 0.0) * reading.angle
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    if not shift.any() and not angle and (size == 1).all():
+        return uv
+    shift, center = shift / reading.length, center / reading.length  # texture coordinates have no unit
+    return ((uv + shift + center) @ turn.T) * size - center
 
 
 def _normals(reading: Reading, geometry: Node, mesh: _Mesh, shape: Shape, turned: bool) -> None:
@@ -333,6 +365,7 @@ def material(reading: Reading, shape: Node) -> Material:
     appearance = appearances[0]
     nodes = appearance.children("material")
     look = Material(name=appearance.name or (nodes[0].name if nodes else ""), node=appearance)
+    look.picture = _picture(reading, appearance, nodes)
     if not nodes:
         return look
     node = nodes[0]
@@ -351,6 +384,26 @@ def material(reading: Reading, shape: Node) -> Material:
     return look
 
 
+def _picture(reading: Reading, appearance: Node, materials: list[Node]) -> Picture | None:
+    """The first ImageTexture that colours the surface; nothing is opened."""
+    if not any(_COLOURING.intersection(n.fields) for n in (appearance, *materials)):
+        return None
+    found = appearance.children("texture")
+    found = [n for t in found for n in (t.children("texture")[:1] if t.type == "MultiTexture" else [t])]
+    for material in materials:
+        found += [n for field in ("diffuseTexture", "baseTexture", "emissiveTexture") for n in material.children(field)]
+    node = next((n for n in found if n.type == "ImageTexture"), None)
+    if node is None:
+        return None
+    if id(node) not in reading.pictures:
+        urls = tuple(u for t in reading.texts(node, "url") if (u := t.strip()))
+        folder = os.path.dirname(os.path.abspath(reading.scene.path)) if reading.scene.path else ""
+        repeat = (reading.flag(node, "repeatS", True), reading.flag(node, "repeatT", True))
+        reading.pictures[id(node)] = Picture(node.name, urls=urls, folder=folder, repeat=repeat, alpha="mask")
+    picture = reading.pictures[id(node)]
+    return picture if picture.urls else None
+
+
 def _color(reading: Reading, node: Node, field: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
-    value = np.clip(reading.vector(node, field, default), 0.0, 1.0)
-    return (float(value[0]), float(value[1]), float(value[2]))
+    r, g, b = (min(max(v, 0.0), 1.0) for v in reading.vector(node, field, default).tolist())
+    return (r, g, b)

@@ -30,6 +30,10 @@ def faces(index: NDArray[np.integer], points: Floats) -> tuple[Ints, Ints]:
     A fan where it is safe; a polygon whose fan would fold (it is concave) is cut ear by ear, up to a limit of work
     that no honest file reaches, then as a fan. Faces with fewer than three corners give nothing. Indices must be valid.
     """
+    if not len(index) % 4:  # most meshes: triangles, each with its -1
+        rows = index.reshape(-1, 4)
+        if (rows[:, 3] == -1).all() and (rows[:, :3] >= 0).all():
+            return np.arange(len(index)).reshape(-1, 4)[:, :3], np.arange(len(rows))
     starts, sizes = polygons(index)
     budget = _EARS
     corners: list[Ints] = []
@@ -55,6 +59,8 @@ def faces(index: NDArray[np.integer], points: Floats) -> tuple[Ints, Ints]:
         owners.append(np.repeat(which, n - 2))
     if not corners:
         return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    if len(corners) == 1:  # all polygons of one kind are in order
+        return corners[0], owners[0]
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     return np.concatenate(corners)[order], owner[order]

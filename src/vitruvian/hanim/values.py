@@ -8,17 +8,19 @@ Source: ISO/IEC 19775-1 clause 5, 19776-1 (XML), 19776-2 (Classic), 19776-5 (JSO
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Callable
 from contextlib import suppress
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import json_values
+from vitruvian.hanim.digits import double_of, shortest, shortest_of
 from vitruvian.hanim.graph import Literal, Node, Use
 from vitruvian.native import parse_floats
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _COLUMNS = {
     **{f"Vec{n}{p}": n for n in (2, 3, 4) for p in "fd"},
@@ -34,18 +36,14 @@ COLUMNS = {**_COLUMNS, "Int32": 1}
 """How many numbers make one value, by type without its SF or MF."""
 _DOUBLE = {"Double", "Time", *(t for t in _COLUMNS if t.endswith("d"))}
 _INTEGER = {"Int32", "Image"}
+_SINGLE_FLOATS = {*_COLUMNS} - _DOUBLE
 
 _VRML_COMMENT = re.compile(r"#[^\n]*")
 _STRING = re.compile(r'"((?:[^"\\]|\\.)*+)"', re.DOTALL)
 _STRING_OR_COMMENT = re.compile(r'("(?:[^"\\]|\\.)*+")|#[^\n]*', re.DOTALL)
 _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _XML_ESCAPE = re.compile(r'\\(["\\])')
-_FEW = 12  # numbers that are formatted one by one
-_SINGLE = struct.Struct("f")
-_FORMS = ("%.6g", "%.7g", "%.8g", "%.9g")
-_NOT_FINITE = "can't write a number that is not finite as a 32-bit float; look for NaN in the values"
 _TOKEN = re.compile(r"[^ \t-\r]+")
-_EXPONENT = re.compile(r"e([+-])0*(?=\d)")
 # What the VRML lexer takes for a number; whether it is one is found out when it is parsed.
 _NUMBERS = re.compile(r"(?:[\s,]*+[-+.0-9][-+.\w]*+)*+[\s,]*+", re.ASCII)
 
@@ -61,6 +59,14 @@ def parse(literal: Literal, type: str, path: object = "") -> object:
         return None
     if base in _COLUMNS or base in _INTEGER:
         text = _numbers(literal, many)
+        if not many and base in _COLUMNS and len(text) < 80:
+            few = _at_sight(text, _COLUMNS[base])
+            if few is not None and len(few) == 1:
+                return few[0]
+            if few is not None:
+                import numpy as np
+
+                return np.array(few)
         if base in _INTEGER:
             return _integers(literal, text, type, path)
         return _floats(literal, text, type, path)
@@ -84,6 +90,18 @@ def value(node: Node, field: str, type: str, default: object = None, path: objec
     if found is None or isinstance(found, Node | Use):
         return default
     return found
+
+
+def _at_sight(text: str, count: int) -> list[float] | None:
+    """That many finite numbers in plain writing, without the cost of arrays; None when they need a closer look."""
+    words = text.split()
+    if len(words) != count or "_" in text or not text.isascii():
+        return None
+    try:
+        numbers = list(map(float, words))
+    except ValueError:
+        return None
+    return numbers if all(v - v == 0 for v in numbers) else None
 
 
 def _short(text: str) -> str:
@@ -172,6 +190,8 @@ def _integer(token: str) -> int:
 
 def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float64]:
     """Whole numbers, some with 0x."""
+    import numpy as np
+
     found = []
     for token in _TOKEN.findall(text):
         try:
@@ -185,6 +205,8 @@ def _hexadecimal(literal: Literal, text: str, path: object) -> NDArray[np.float6
 
 
 def _integers(literal: Literal, text: str, type: str, path: object) -> object:
+    import numpy as np
+
     if "." in text or "x" in text or "X" in text or "e" in text or "E" in text:  # hexadecimal, or wrong
         array, highest = _hexadecimal(literal, text, path), 2**32 - 1
     else:
@@ -270,59 +292,6 @@ def quote(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def shortest(values: NDArray[np.float64]) -> list[str]:
-    """For each number the shortest text that reads back as the same float32. VitruvianError when one isn't finite."""
-    values = np.asarray(values, np.float64).ravel()
-    if values.size <= _FEW:
-        return [_shortest(v) for v in values.tolist()]
-    with np.errstate(over="ignore"):
-        single = values.astype(np.float32)
-    if not np.isfinite(single).all():
-        raise VitruvianError(_NOT_FINITE)
-    texts = _formatted(single, 6)
-    rest, new = np.arange(single.size), texts
-    for digits in (7, 8, 9):
-        rest = rest[parse_floats(" ".join(new).encode()).astype(np.float32) != single[rest]]
-        if not rest.size:
-            break
-        new = _formatted(single[rest], digits)
-        for i, text in zip(rest.tolist(), new, strict=True):
-            texts[i] = text
-    return texts
-
-
-def _shortest(value: float) -> str:
-    """`shortest` of one number, without arrays."""
-    try:
-        (single,) = _SINGLE.unpack(_SINGLE.pack(value))
-    except OverflowError:
-        raise VitruvianError(_NOT_FINITE) from None
-    if single - single != 0:
-        raise VitruvianError(_NOT_FINITE)
-    for form in _FORMS:
-        text = form % single
-        if _SINGLE.unpack(_SINGLE.pack(float(text)))[0] == single:
-            break
-    return _EXPONENT.sub(_short_exponent, text) if "e" in text else text
-
-
-def _formatted(single: NDArray[np.float32], digits: int) -> list[str]:
-    text = (f"%.{digits}g " * single.size) % tuple(single.tolist())
-    return (_EXPONENT.sub(_short_exponent, text) if "e" in text else text).split()
-
-
-def _short_exponent(match: re.Match[str]) -> str:
-    return "e-" if match[1] == "-" else "e"
-
-
-def _double(number: float) -> str:
-    if not np.isfinite(number):
-        raise VitruvianError("can't write a number that is not finite; look for NaN in the values")
-    text = repr(float(number))
-    text = text[:-2] if text.endswith(".0") else text
-    return _EXPONENT.sub(_short_exponent, text)
-
-
 def text_of(value: object, type: str, syntax: str) -> str:
     """Source text ("xml", "vrml" or "json") of a typed value.
 
@@ -346,6 +315,13 @@ def text_of(value: object, type: str, syntax: str) -> str:
             return json_values.listed([json_values.quoted(s) for s in entries])
         strings = " ".join(map(quote, entries))
         return f"[ {strings} ]" if vrml else strings
+    import numpy as np
+
+    if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
+        if isinstance(value, float):
+            return shortest_of(value)
+        if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
+            return " ".join(map(shortest_of, value.tolist()))
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
@@ -354,14 +330,16 @@ def text_of(value: object, type: str, syntax: str) -> str:
     elif base in _INTEGER or (not type and array.dtype.kind in "iu"):
         texts, n = list(map(str, array.astype(np.int64).ravel().tolist())), 1
     else:
-        texts = [_double(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
+        texts = [double_of(v) for v in array.ravel().tolist()] if base in _DOUBLE else shortest(array)
         n = _COLUMNS.get(base) or (array.shape[-1] if array.ndim > 1 else 1)
     if json:
         single = len(texts) == 1 and not array.ndim and not type.startswith("MF")
         return texts[0] if single else json_values.listed(texts, n, faces=type == "MFInt32")
+    if not vrml:
+        return " ".join(texts)
     rows = [" ".join(texts[i : i + n]) for i in range(0, len(texts), n)] if n > 1 else [" ".join(texts)]
-    text = (", " if vrml and len(rows) > 1 else " ").join(rows)
-    return (f"[ {text} ]" if text else "[ ]") if vrml and many else text
+    text = (", " if len(rows) > 1 else " ").join(rows)
+    return (f"[ {text} ]" if text else "[ ]") if many else text
 
 
 def default_of(type: str, syntax: str) -> str:

@@ -6,6 +6,7 @@ Semantics: ISO/IEC 19774-1 and what X3D browsers do with it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
@@ -63,9 +64,13 @@ class Figure:
         coords = node.children("skinCoord") or stray(reading, node, {"Coordinate", "CoordinateDouble"})
         self.skin_coord = coords[0] if coords else None
         self.points = np.zeros((0, 3))
-        below = [n for f in (*BODY_FIELDS, "children") for n in node.children(f) if reading.kind(n) != "Pose"]
-        named = (n for n in walk_all(below) if reading.kind(n) == "Joint")
-        self.given = {reading.text(n, "name").strip() for n in named}  # a given name beats one taken from a DEF
+
+    @cached_property
+    def given(self) -> set[str]:
+        """The names that joints are given: they beat those taken from a DEF."""
+        below = [n for f in (*BODY_FIELDS, "children") for n in self.node.children(f) if self.reading.kind(n) != "Pose"]
+        named = (n for n in walk_all(below) if self.reading.kind(n) == "Joint")
+        return {self.reading.text(n, "name").strip() for n in named}
 
     def name(self, node: Node, fallback: str) -> str:
         given = self.reading.text(node, "name").strip()
@@ -110,7 +115,7 @@ def joint_tree(figure: Figure, root: Node) -> Joint | None:
 def _onejoint_tree(figure: Figure, node: Node) -> Joint:
     reading = figure.reading
     name = figure.name(node, f"joint_{len(figure.joints) + 1}")
-    if name in figure.names or (name in figure.given and not reading.text(node, "name").strip()):
+    if name in figure.names or (not reading.text(node, "name").strip() and name in figure.given):
         number = figure.numbers.get(name, 1) + 1
         while f"{name}_{number}" in figure.names or f"{name}_{number}" in figure.given:
             number += 1

@@ -119,7 +119,14 @@ def _joint(skeleton: Skeleton, name: str) -> int | None:
 
 
 def _finish(
-    skeleton: Skeleton, fps: float, rotation: Floats, shift: Floats, weights: dict[str, Floats], loop: bool, name: str
+    skeleton: Skeleton,
+    fps: float,
+    rotation: Floats,
+    shift: Floats,
+    weights: dict[str, Floats],
+    loop: bool,
+    name: str,
+    scale: Floats | None = None,
 ) -> Motion:
     still = np.abs(shift[:, 1:] - skeleton.translation[1:]).max(initial=0.0) < 1e-12
     return Motion(
@@ -131,6 +138,7 @@ def _finish(
         weights=weights,
         loop=loop,
         name=name,
+        joint_scale=scale,
     )
 
 
@@ -152,15 +160,13 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
     require(0 < data.frame_duration < np.inf, title, "a frameDuration above zero", data.frame_duration)
     values = values[played_frames(data)]
     rotation, shift = _pose(skeleton, len(values), title)
-    column, lost, scaled = 0, [], []
+    column, lost, sizes = 0, [], None
     for joint, group, on in zip(data.joints, data.channels, flags(data)):
         columns = [k for k, yes in enumerate(on, column) if yes]
         channels = [c for c, yes in zip(group, on) if yes]
         column += len(group)
         if joint == "IGNORED" or not channels:
             continue
-        if any(c[1:].lower() == "scale" for c in channels):
-            scaled.append(joint)
         j = _joint(skeleton, joint)
         if j is None:
             lost.append(joint)
@@ -177,6 +183,9 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
                     q = multiply(q, from_vector(np.radians(degrees)[:, None] * axis))
                 rotation[:, j] = q
         for channel, k in zip(channels, columns):
+            if channel[1:].lower() == "scale":
+                sizes = np.repeat(skeleton.scale[None], len(values), axis=0) if sizes is None else sizes
+                sizes[:, j, "XYZ".index(channel[0].upper())] = values[:, k]
             if channel[1:].lower() == "position":
                 axis = "XYZ".index(channel[0].upper())
                 shift[:, j, axis] = values[:, k]
@@ -189,12 +198,11 @@ def _from_data(data: MotionData, skeleton: Skeleton, rebase: bool) -> Motion:
             f"{title}: the skeleton has no joint {', '.join(lost[:5])}; "
             f"{len(lost)} of {len(data.joints)} groups left out"
         )
-    if scaled:
-        warn(f"{title}: a motion turns and moves joints but does not scale them; scale of {scaled[0]} left out")
     loop = data.loop and len(values) > 1
     if loop and _same_frame(rotation, shift):  # players show the last frame as the seam; ours leads back by itself
         rotation, shift = rotation[:-1], shift[:-1]
-    return _finish(skeleton, 1 / data.frame_duration, rotation, shift, {}, loop, data.name)
+        sizes = None if sizes is None else sizes[:-1]
+    return _finish(skeleton, 1 / data.frame_duration, rotation, shift, {}, loop, data.name, sizes)
 
 
 def _same_frame(rotation: Floats, shift: Floats) -> bool:
@@ -258,6 +266,7 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
     weights: dict[str, Floats] = {}
     lost = []
     carried: dict[str, Floats] = {}
+    sizes: Floats | None = None
     for track in tracks:
         exact = fps is None and even and len(track.keys) > 1  # frames are its keys, however these were rounded
         at = np.asarray(track.keys, dtype=np.float64)[:frames] if exact else fraction
@@ -268,17 +277,20 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
             carried[track.field] = sample_track(track, at)
             continue
         j = _joint(skeleton, track.target) if track.target else None
-        if j is None or track.field not in ("rotation", "translation"):
+        if j is None or track.field not in ("rotation", "translation", "scale"):
             lost.append(f"{track.target or 'the humanoid'} {track.field}")
         elif track.field == "rotation":
             rotation[:, j] = sample_track(track, at)
+        elif track.field == "scale":
+            sizes = np.repeat(skeleton.scale[None], frames, axis=0) if sizes is None else sizes
+            sizes[:, j] = sample_track(track, at)
         else:
             shift[:, j] = sample_track(track, at)
     if carried:
         _carry(humanoid, skeleton, carried, rotation, shift)
     if lost:
         warn(f"animation {tracks[0].timer}: {', '.join(lost[:4])} can't be carried by a motion of joints; left out")
-    return _finish(skeleton, rate, rotation, shift, weights, loop, timer_name(humanoid, tracks[0].timer))
+    return _finish(skeleton, rate, rotation, shift, weights, loop, timer_name(humanoid, tracks[0].timer), sizes)
 
 
 def _carry(humanoid: Humanoid, skeleton: Skeleton, moved: dict[str, Floats], rotation: Floats, shift: Floats) -> None:
@@ -337,6 +349,14 @@ def frames_to_write(motion: Motion) -> tuple[Floats, Floats, dict[str, Floats]]:
     return rotation, np.concatenate([shift, last]), weights
 
 
+def scales_to_write(motion: Motion) -> Floats | None:
+    """Scales (n,J,3) of the same frames, None where no joint grows or shrinks."""
+    scale = motion.joint_scale
+    if scale is None or not _moves(scale, motion.skeleton.scale):
+        return None
+    return np.concatenate([scale, scale[:1]]) if motion.loop and len(motion) > 1 else scale
+
+
 def _moves(values: Floats, rest: Floats) -> bool:
     return bool(np.abs(values - rest).max(initial=0.0) > 1e-7)
 
@@ -369,9 +389,10 @@ def axis_angles(rotation: Floats) -> Floats:
 
 
 def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
-    """Interpolator tracks with one key per frame: rotation of every joint that turns, translation of those that move,
-    weights of displacers. Keys 0..1 over the clip; a loop gets the first frame as its last key."""
+    """Interpolator tracks with one key per frame: rotation of every joint that turns, translation and scale of those
+    that move, weights of displacers. Keys 0..1 over the clip; a loop gets the first frame as its last key."""
     rotation, shift, weights = frames_to_write(motion)
+    scale = scales_to_write(motion)
     count = len(rotation)
     keys = np.linspace(0.0, 1.0, count) if count > 1 else np.zeros(1)
     interval = max(count - 1, 1) / motion.fps
@@ -383,6 +404,8 @@ def tracks_of(motion: Motion, *, timer: str = "") -> list[Track]:
             tracks.append(make(name, "translation", shift[:, j]))
         if _turns(rotation[:, j], motion.skeleton.rotation[j]):
             tracks.append(make(name, "rotation", axis_angles(rotation[:, j])))
+        if scale is not None and _moves(scale[:, j], motion.skeleton.scale[j]):
+            tracks.append(make(name, "scale", scale[:, j]))
     return tracks + [make(name, "weight", w[:, None]) for name, w in weights.items()]
 
 
@@ -393,18 +416,23 @@ def motion_data(motion: Motion, *, order: str = "ZXY") -> MotionData:
     differ in their defaults. A loop ends with its first frame, as players show (n - 1) frame durations.
     """
     rotation, shift, _ = frames_to_write(motion)
+    scale = scales_to_write(motion)
     joints, channels, columns = [], [], []
     turning = tuple(f"{c}rotation" for c in order.upper())
     place = ("Xposition", "Yposition", "Zposition")
     for j, name in enumerate(motion.skeleton.names):
         slides = j == 0 or _moves(shift[:, j], motion.skeleton.translation[j])
         turns = j == 0 or _turns(rotation[:, j], motion.skeleton.rotation[j])
-        if not slides and not turns:
+        grows = scale is not None and _moves(scale[:, j], motion.skeleton.scale[j])
+        if not slides and not turns and not grows:
             continue
         joints.append(name)
-        channels.append((place if slides else ()) + (turning if turns else ()))
+        size = ("Xscale", "Yscale", "Zscale") if grows else ()
+        channels.append((place if slides else ()) + (turning if turns else ()) + size)
         if slides:
             columns.append(shift[:, j])
         if turns:
             columns.append(np.degrees(to_euler(rotation[:, j], order, continuous=True)))
+        if grows and scale is not None:
+            columns.append(scale[:, j])
     return MotionData(motion.name, joints, channels, np.concatenate(columns, axis=1), 1 / motion.fps, True, motion.loop)

@@ -17,6 +17,7 @@ class Motion:
     translation (F,3): the translation field of the first joint (an offset from its rest centre), metres.
     joint_translation (F,J,3): that of all joints (then column 0 equals `translation`), or None.
     weights: displacer name -> (F,). loop: the last frame leads to the first.
+    joint_scale (F,J,3): scale of all joints along the skeleton's `scale_orientation`, in place of its own, or None.
     notes: what a reader or retargeting had to decide, one line each.
     """
 
@@ -29,6 +30,7 @@ class Motion:
     loop: bool = False
     name: str = ""
     notes: tuple[str, ...] = ()
+    joint_scale: Floats | None = None
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -44,6 +46,8 @@ class Motion:
         if self.joint_translation is not None:
             shape = (len(rotation), len(self.skeleton), 3)
             put("joint_translation", floats(self.joint_translation, "joint_translation", *shape))
+        if self.joint_scale is not None:
+            put("joint_scale", floats(self.joint_scale, "joint_scale", len(rotation), len(self.skeleton), 3))
         for name, weight in self.weights.items():
             floats(weight, f"weights[{name}]", len(rotation))
 
