@@ -114,3 +114,11 @@ def test_every_number_that_is_none_is_found(kind: str) -> None:
     assert len(numbers) > 20
     for at in numbers:
         test_broken_files.hypothesis.inner_test(kind, [(at, "nan")])
+
+
+@pytest.mark.parametrize("kind", sorted(TEXTS))
+def test_whole_numbers_that_are_written_with_a_point(kind: str) -> None:
+    words = [m[0] for m in WORD.finditer(TEXTS[kind])]
+    numbers = [n for n, word in enumerate(words) if word.isdigit()]
+    for at in numbers:
+        test_broken_files.hypothesis.inner_test(kind, [(at, words[at] + ".0")])

@@ -10,7 +10,7 @@ from vitruvian.hanim.doctor import Chart, Floats
 from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_fix import Wanted
 from vitruvian.hanim.doctor_space import segment_points
-from vitruvian.hanim.doctor_values import AXIS, form_of, outside, single, wrong_inertia
+from vitruvian.hanim.doctor_values import AXIS, form_of, outside, single, whole, wrong_inertia
 from vitruvian.hanim.graph import Node, Use
 from vitruvian.hanim.values import COLUMNS
 
@@ -21,12 +21,15 @@ def _numbers(chart: Chart, wanted: Wanted) -> Iterator[str]:
         kind, who = chart.reading.kind(node), chart.reading.who(node)
         for field, value in list(node.fields.items()):
             form = form_of(chart, node, field)
-            if form in ("", "MFInt32") or isinstance(value, Node | Use):
-                continue  # indices that are no numbers are dropped with their pair or face
-            if isinstance(value, list) and not kind:
+            if not form or isinstance(value, Node | Use) or (isinstance(value, list) and not kind):
                 continue
             array = chart.numbers(node, field)
             finite = bool(np.isfinite(array).all())
+            if form.endswith("Int32") and finite and not whole(value, array) and whole(None, array):
+                node.fields[field] = array.astype(np.int32) if form == "MFInt32" else int(array[0])
+                yield f"{who}: {field} is written in whole numbers (P06)"
+            if form == "MFInt32":
+                continue  # indices that are no numbers are dropped with their pair or face
             count = single(form)
             short = count > 0 and bool(kind) and len(array) not in (0, count)
             if "P06+" in wanted and (short or (count and not finite)):

@@ -9,7 +9,7 @@ from vitruvian.hanim.doctor_figure import Figure
 from vitruvian.hanim.doctor_space import segment_points
 from vitruvian.hanim.fields import type_of
 from vitruvian.hanim.graph import Literal, Node, Use
-from vitruvian.hanim.values import COLUMNS
+from vitruvian.hanim.values import COLUMNS, bare
 
 # Number fields of nodes that no table knows, such as humanoids whose prototype stands in another file.
 _BY_NAME = {
@@ -57,6 +57,8 @@ def _number(chart: Chart, node: Node, field: str, value: object, wanted: str) ->
     line = value.line if isinstance(value, Literal) else 0
     if bad.size:
         chart.add("P06", node, f"{field}: entry {bad[0]} is not a finite number", "give a number", line)
+    elif wanted.endswith("Int32") and not whole(value, array):
+        chart.add("P06", node, f"{field}: expected whole numbers of 32 bits", "give whole numbers", line)
     elif single(wanted) and kind and len(array) not in (0, single(wanted)):
         message = f"{field}: expected {single(wanted)} numbers, found {len(array)}"
         chart.add("P06", node, message, "give the right count", line)
@@ -69,6 +71,14 @@ def _number(chart: Chart, node: Node, field: str, value: object, wanted: str) ->
         if abs(size - 1) > AXIS:
             message = f"{field}: the axis has length {size:.3g}, expected 1"
             chart.add("P06", node, message, "normalise the axis" if size else "give an axis", line)
+
+
+def whole(value: object, array: Floats) -> bool:
+    """Whether finite numbers are whole ones of 32 bits, and written so."""
+    fraction = isinstance(value, Literal) and any(
+        c in word for word in bare(value).split() if word[:2].lower() != "0x" for c in ".eE"
+    )
+    return not fraction and bool(((array == np.floor(array)) & (array >= -(2.0**31)) & (array < 2.0**31)).all())
 
 
 def limits(figure: Figure) -> None:
