@@ -157,7 +157,7 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     def top(d: Array) -> Array:
         return np.clip((angles(d)[1] - 25) / 45, 0, 1)
 
-    start = scattered(3000, 2)
+    start = scattered(2800, 2)
     start = start[above_line(start) > 1.0]
     away = start - whorl * (start @ whorl)[:, None]
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-6)
@@ -168,15 +168,15 @@ def short(skin: Skin, points: Array, triangles: Array, ears: Array) -> dict[str,
     away -= start * (away * start).sum(1, keepdims=True)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     reach = np.radians(23 + 17 * top(start) + rng.uniform(-4, 4, len(start)))
-    t = np.linspace(0, 1, 6)
+    t = np.linspace(0, 1, 5)
     d = np.cos(reach[:, None] * t)[..., None] * start[:, None] + np.sin(reach[:, None] * t)[..., None] * away[:, None]
     # Stop at the hairline, unevenly: no edge as if cut with a bowl.
     forehead = np.clip((d[..., 2] - 0.55) / 0.25, 0, 1)
     ok = above_line(d) > -1.0 - rng.gamma(2.0, 1.1, (len(d), 1)) - 2.0 * forehead * rng.uniform(0, 1, (len(d), 1))
-    last = np.where(ok.all(1), 5, np.maximum(ok.argmin(1) - 1, 0))
+    last = np.where(ok.all(1), 4, np.maximum(ok.argmin(1) - 1, 0))
     good = last >= 2
     d, last, start, reach = d[good], last[good], start[good], reach[good]
-    scale = (last / 5)[:, None] * t * reach[:, None]
+    scale = (last / 4)[:, None] * t * reach[:, None]
     away = away[good]
     d = np.cos(scale)[..., None] * start[:, None] + np.sin(scale)[..., None] * away[:, None]
     _, _, foot = skin.toward(d.reshape(-1, 3))
