@@ -86,14 +86,14 @@ VOLUMES = {  # flexion: (knuckle, muscle) -> volume over that at rest
 @pytest.mark.parametrize("degrees", VOLUMES)
 def test_the_reference_finger_keeps_its_volumes(degrees, engine):
     for (joint, muscle), want in VOLUMES[degrees].items():
-        skin, out = placed(Rounding(joint, 0.3, 0.3, muscle), degrees)
+        skin, out = placed(Rounding(joint, 0.3, 0.3, muscle, arc=0), degrees)
         assert volume(out, skin.triangles) / volume(skin.rest, skin.triangles) == pytest.approx(want, abs=6e-5)
 
 
 def test_knuckles_reach_the_mitre_and_the_muscle_swells(engine):
     at = np.array([[3.0, 1, 0], [4.25, -1, 0], [3.0, 0, 1]])
-    _, plain = placed(Rounding(0, 0.3, 0.3, 0), 90, rest=at)
-    _, round_ = placed(Rounding(1, 0.3, 0.3, 0.4), 90, rest=at)
+    _, plain = placed(Rounding(0, 0.3, 0.3, 0, arc=0), 90, rest=at)
+    _, round_ = placed(Rounding(1, 0.3, 0.3, 0.4, arc=0), 90, rest=at)
     joint = [3, 0, 0]
     assert np.linalg.norm(plain[0] - joint) == pytest.approx(1, abs=1e-6)
     assert np.linalg.norm(round_[0] - joint) == pytest.approx(np.sqrt(2), abs=1e-6)
@@ -175,7 +175,7 @@ def test_a_rounder_knuckle_stands_further_out(body):
     program = hands.hand_program(left, body.skin)
     back = program.swell[:, 0] > 0.1  # next to the near joint
     for link in (4, 8, 12, 16):
-        rows = program.vertex[back & (program.link == link) & (program.share > 0.5)]
+        rows = program.vertex[back & (program.assignment.link == link) & (program.assignment.share > 0.5)]
         joint = left.near[link]
         center = m[0, joint, :3, :3] @ body.skeleton.centers[joint] + m[0, joint, :3, 3]
         away = [np.linalg.norm(p[rows] - center, axis=1).mean() for p in (flat, plain, mitre)]
@@ -193,7 +193,7 @@ def test_the_palm_folds_by_the_ratio_of_distances():
     )  # fmt: skip
     skin = Skin(rest, np.zeros((0, 3), np.int32), Weights.from_pairs(2, [0, 1], [0, 0], [1, 1]))
     program = hands.hand_program(hand, skin)
-    assert program.gap_share.min() > 0.9  # half way: all gap
+    assert program.assignment.gap_share.min() > 0.9  # half way: all gap
     m = np.tile(np.eye(4), (1, 2, 1, 1))
     m[0, 1, 0, 3] = -0.01
     out = rest[None].astype(np.float32)

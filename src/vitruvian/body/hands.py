@@ -5,18 +5,24 @@ Source: joint-dependent local operators for hands: finger and palm mapping, join
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints, floats, indices, require
+
+# What each parameter of a link is called, from which number to which it goes; the flexion axis is the fifth of the source.
+RANGES = {"joint": (0, 1), "near": (0, 0.5), "far": (0, 0.5), "muscle": (0, 1), "belly": (0.2, 0.8), "arc": (0, 1)}
 
 
 @dataclass(frozen=True)
 class Rounding:
     """How a link deforms. `joint` (0..1, 1 is the mitre) inflates the back of a bent joint, over the portions `near` and
     `far` (0..0.5) of the link next to its two joints; `muscle` (0..1) inflates its palm side, most at `belly` (0.2..0.8)
-    of its length.
+    of its length. `axis`: unit flexion axis of the link's first joint in humanoid space at rest, positive towards the
+    palm; None: fitted to the skeleton. `arc` (0..1): how far the back of a bent joint follows a circle; 0 leaves the
+    corner of the source's construction.
     """
 
     joint: float = 0.5
@@ -24,13 +30,17 @@ class Rounding:
     far: float = 0.3
     muscle: float = 0.3
     belly: float = 0.5
+    axis: tuple[float, float, float] | None = None
+    arc: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("joint", 0, 1), ("near", 0, 0.5), ("far", 0, 0.5), ("muscle", 0, 1), ("belly", 0.2, 0.8),
-        ):  # fmt: skip
+        for name, (low, high) in RANGES.items():
             value = getattr(self, name)
             require(low <= value <= high, f"rounding {name}", f"{low} to {high}", value)
+        if self.axis is not None:
+            axis = floats(self.axis, "rounding axis", 3)
+            require(float(np.linalg.norm(axis)) > 1e-9, "rounding axis", "a direction", self.axis)
+            object.__setattr__(self, "axis", tuple(unit(axis).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +51,7 @@ class Hand:
     fingertip). start, end (L,3): where they are at rest. axis_near, axis_far (L,3): unit flexion axes there, positive
     towards the palm. beside (L,2): neighbouring links of the palm, -1 for none. roundings (L).
     vertices (N,): the skin of the hand; share (N,) in 0..1: how much of the hand's deformation each takes.
+    fade: over which portion of the first link of each finger the hand's deformation sets in; 0: it is whole at once.
     """
 
     name: str
@@ -55,6 +66,7 @@ class Hand:
     vertices: Ints
     share: Floats
     roundings: tuple[Rounding, ...] = ()
+    fade: float = 0.0
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -72,3 +84,21 @@ class Hand:
         put("share", floats(self.share, f"{title}: share", len(self.vertices)))
         put("roundings", tuple(self.roundings) or (Rounding(),) * count)
         require(len(self.roundings) == count, f"{title}: roundings", f"{count}, one a link", len(self.roundings))
+        require(0 <= self.fade <= 1, f"{title}: fade", "0 to 1", self.fade)
+
+    def before_links(self) -> Ints:
+        """(L,) the link that ends where each link begins, -1 for the first of a finger."""
+        ends = {int(j): i for i, j in enumerate(self.far) if j >= 0}
+        out = [ends.get(int(j), -1) for j in self.near]
+        return np.array([-1 if i == j else j for i, j in enumerate(out)], np.int32)
+
+    def rounded(self, roundings: tuple[Rounding, ...]) -> Hand:
+        """The same hand with other parameters, one a link; an axis that is given replaces that of both its links."""
+        near, far = self.axis_near.copy(), self.axis_far.copy()
+        previous = self.before_links()
+        for i, rounding in enumerate(roundings):
+            if rounding.axis is not None:
+                near[i] = rounding.axis
+                if previous[i] >= 0:
+                    far[previous[i]] = rounding.axis
+        return replace(self, roundings=roundings, axis_near=near, axis_far=far)

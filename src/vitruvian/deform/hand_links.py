@@ -8,10 +8,11 @@ import numpy as np
 
 from vitruvian.body.hands import Hand, Rounding
 from vitruvian.body.rotations import unit
-from vitruvian.body.types import Body, Floats, Skeleton
+from vitruvian.body.types import Body, Floats, Ints, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.tables import canonical
 
+FADE = 0.35  # of the palm, over which the hand sets in beyond the wrist
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joints of each ray from the wrist on; the thumb has one less.
 RAYS = {
@@ -100,7 +101,7 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
     for i, joint in enumerate(far):
         if joint >= 0 and joint in near:
             axis_far[i] = axis_near[near.index(joint)]
-    vertices, share = _skin(body, wrist, start_, end_, set(palm.values()))
+    vertices = _skin(body, wrist, start_, end_)
     if not len(vertices):
         return None
     names = skeleton.names
@@ -109,8 +110,8 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
     )
     return Hand(
         f"{side}_hand", np.array(before), np.array(near), np.array(far), start_, end_, axis_near, axis_far,
-        np.array(beside), vertices, share, chosen,
-    )  # fmt: skip
+        np.array(beside), vertices, np.ones(len(vertices)), chosen, FADE,
+    ).rounded(chosen)  # fmt: skip
 
 
 def _rounding(given: Mapping[str, Rounding], joint: str, side: str, finger: str) -> Rounding:
@@ -129,22 +130,15 @@ def _tip(skeleton: Skeleton, side: str, ray: int, joints: list[int]) -> Floats:
     return last + 0.8 * (last - skeleton.centers[joints[-2]]) if len(joints) > 1 else last
 
 
-def _skin(body: Body, wrist: int, start: Floats, end: Floats, palm: set[int]) -> tuple[np.ndarray, Floats]:
-    """Vertices that move with the hand, and how far each is the hand's: growing over the first third of the palm."""
+def _skin(body: Body, wrist: int, start: Floats, end: Floats) -> Ints:
+    """Vertices that move with the hand, beyond the beginning of its bones."""
     parents = body.skeleton.parents
     below = np.zeros(len(parents), bool)
     for j, parent in enumerate(parents):
         below[j] = j == wrist or (parent >= 0 and below[parent])
     weights = body.skin.weights
     held = np.bincount(weights.vertex, weights.weight * below[weights.joint], minlength=len(weights))
-    vertices = np.flatnonzero(held > 0.5).astype(np.int32)
-    points = body.skin.rest[vertices]
+    vertices = np.flatnonzero(held > 0.1).astype(np.int32)
     bone = end - start
-    place = np.einsum("nld,ld->nl", points[:, None] - start, bone) / np.sum(bone * bone, axis=1)
-    foot = start + np.clip(place, 0, 1)[..., None] * bone
-    nearest = np.argmin(np.linalg.norm(points[:, None] - foot, axis=2), axis=1)
-    here = place[np.arange(len(points)), nearest]
-    ramp = np.clip(here / 0.35, 0, 1)
-    share = np.where(np.isin(nearest, list(palm)), ramp * ramp * (3 - 2 * ramp), 1.0)
-    kept = share > 0
-    return vertices[kept], share[kept]
+    place = np.einsum("nld,ld->nl", body.skin.rest[vertices][:, None] - start, bone) / np.sum(bone * bone, axis=1)
+    return vertices[(place > 0).any(axis=1)]
