@@ -5,15 +5,20 @@ Source: joint-dependent local operators for hands: finger and palm mapping, join
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints, floats, indices, require
+from vitruvian.errors import VitruvianError, warn
+from vitruvian.hanim.humanoid import Humanoid
 
 # What each parameter of a link is called, from which number to which it goes; the flexion axis is the fifth of the source.
 RANGES = {"joint": (0, 1), "near": (0, 0.5), "far": (0, 0.5), "muscle": (0, 1), "belly": (0.2, 0.8), "arc": (0, 1)}
+
+STORED = "rounding:"  # of the keys in Humanoid.info, before the name of a joint or finger
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,52 @@ class Rounding:
             axis = floats(self.axis, "rounding axis", 3)
             require(float(np.linalg.norm(axis)) > 1e-9, "rounding axis", "a direction", self.axis)
             object.__setattr__(self, "axis", tuple(unit(axis).tolist()))
+
+    @property
+    def words(self) -> str:
+        """What differs from the defaults, as text: "joint 0.8 axis 0 0 -1"."""
+        default = Rounding()
+        parts = [f"{name} {getattr(self, name):.6g}" for name in RANGES if getattr(self, name) != getattr(default, name)]
+        if self.axis is not None:
+            parts.append("axis " + " ".join(f"{v:.6g}" for v in self.axis))
+        return " ".join(parts) or "default"
+
+    @staticmethod
+    def read(words: str) -> Rounding:
+        """From `words`. Raises VitruvianError for a name or a number that none of the parameters has."""
+        values: dict[str, object] = {}
+        left = [w for w in words.split() if w != "default"]
+        try:
+            while left:
+                name = left.pop(0)
+                count = 3 if name == "axis" else 1
+                require(name in RANGES or name == "axis", "rounding", f"{', '.join(RANGES)} or axis", repr(name[:40]))
+                numbers = [float(left.pop(0)) for _ in range(count)]
+                values[name] = tuple(numbers) if name == "axis" else numbers[0]
+        except (ValueError, IndexError):
+            raise VitruvianError(f"rounding {name[:40]}: expected {count} numbers, found {words[:80]!r}") from None
+        return Rounding(**values)  # type: ignore[arg-type]
+
+
+def store_roundings(humanoid: Humanoid, roundings: Mapping[str, Rounding]) -> None:
+    """Keep the parameters of a humanoid's hands in its `info`, which every format of scene files, glTF and USD carries.
+
+    By joint or finger, as `deformer` takes them; those stored before go.
+    """
+    kept = {key: value for key, value in humanoid.info.items() if not key.startswith(STORED)}
+    humanoid.info = kept | {f"{STORED}{name}": r.words for name, r in roundings.items()}
+
+
+def stored_roundings(humanoid: Humanoid) -> dict[str, Rounding]:
+    """What `store_roundings` kept; entries that cannot be read are left out with a warning."""
+    out = {}
+    for key, value in humanoid.info.items():
+        if key.startswith(STORED):
+            try:
+                out[key.removeprefix(STORED)] = Rounding.read(value)
+            except VitruvianError as e:
+                warn(f"info {key[:60]}: {e}; ignored")
+    return out
 
 
 @dataclass(frozen=True, eq=False)

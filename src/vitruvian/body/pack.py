@@ -17,6 +17,7 @@ from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
+from vitruvian.body.hands import stored_roundings
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.welding import pieces, restored
 
@@ -34,7 +35,7 @@ def pack(humanoid: Humanoid) -> Body:
         raise VitruvianError(f"humanoid {humanoid.name!r}: expected at least one Joint in skeleton, found none")
     skeleton = _skeleton(humanoid, joints)
     skin, contours = _skin(humanoid, joints, skeleton)
-    return Body(humanoid.name, skeleton, skin, _placement(humanoid), contours)
+    return Body(humanoid.name, skeleton, skin, _placement(humanoid), contours, stored_roundings(humanoid))
 
 
 def _joints(humanoid: Humanoid) -> list[Joint]:

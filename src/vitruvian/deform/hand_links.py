@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -25,11 +25,14 @@ RAYS = {
 }  # fmt: skip
 
 
-def hands_of(body: Body, roundings: Mapping[str, Rounding] | None = None) -> tuple[Hand, ...]:
+def hands_of(
+    body: Body, roundings: Mapping[str, Rounding] | None = None, *, like: tuple[Hand, ...] = ()
+) -> tuple[Hand, ...]:
     """Left and right hand of a body, those that have a wrist and at least two fingers.
 
     `roundings`: by the name of a link's first joint ("l_metacarpophalangeal_2"), by a ray ("index", "l_index"), or ""
-    for all. Raises VitruvianError for a name that no link has.
+    for all; they come before those stored with the body. `like`: hands of the same body whose vertices are kept.
+    Raises VitruvianError for a name that no link has.
     """
     given = dict(roundings or {})
     index: dict[str, int] = {}
@@ -37,7 +40,8 @@ def hands_of(body: Body, roundings: Mapping[str, Rounding] | None = None) -> tup
         known = canonical(name)
         if known:
             index.setdefault(known, i)
-    made = [hand for side in "lr" if (hand := _hand(body, index, side, given)) is not None]
+    before = {hand.name[0]: hand.vertices for hand in like}
+    made = [hand for side in "lr" if (hand := _hand(body, index, side, given, before.get(side))) is not None]
     used = {key for hand in made for key in _keys(body.skeleton, hand)}
     unknown = sorted(set(given) - used - {""})
     if unknown:
@@ -52,7 +56,9 @@ def _keys(skeleton: Skeleton, hand: Hand) -> set[str]:
     return out
 
 
-def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding]) -> Hand | None:
+def _hand(
+    body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding], vertices: Ints | None
+) -> Hand | None:
     skeleton = body.skeleton
     wrist = index.get(f"{side}_radiocarpal")
     knuckles = {k: index[name] for k in range(2, 6) if (name := f"{side}_metacarpophalangeal_{k}") in index}
@@ -101,12 +107,13 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
     for i, joint in enumerate(far):
         if joint >= 0 and joint in near:
             axis_far[i] = axis_near[near.index(joint)]
-    vertices = _skin(body, wrist, start_, end_)
+    vertices = _skin(body, wrist, start_, end_) if vertices is None else vertices
     if not len(vertices):
         return None
     names = skeleton.names
     chosen = tuple(
-        _rounding(given, names[joint], side, FINGERS[ray - 1]) for joint, ray in zip(near, rays, strict=True)
+        _rounding((given, body.roundings), names[joint], side, FINGERS[ray - 1])
+        for joint, ray in zip(near, rays, strict=True)
     )
     return Hand(
         f"{side}_hand", np.array(before), np.array(near), np.array(far), start_, end_, axis_near, axis_far,
@@ -114,10 +121,11 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
     ).rounded(chosen)  # fmt: skip
 
 
-def _rounding(given: Mapping[str, Rounding], joint: str, side: str, finger: str) -> Rounding:
-    for key in (joint, canonical(joint) or joint, f"{side}_{finger}", finger, ""):
-        if key in given:
-            return given[key]
+def _rounding(tables: Sequence[Mapping[str, Rounding]], joint: str, side: str, finger: str) -> Rounding:
+    for table in tables:
+        for key in (joint, canonical(joint) or joint, f"{side}_{finger}", finger, ""):
+            if key in table:
+                return table[key]
     return Rounding()
 
 

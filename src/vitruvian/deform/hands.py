@@ -14,7 +14,6 @@ arc, without which the back of a bent joint is a corner.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -161,9 +160,9 @@ class HandOperator:
         both = zip(self.hands, self.assignments, strict=True)
         return tuple(hand_program(hand, skin, a, plain=not self.rounded) for hand, a in both)
 
-    def tuned(self, hands: Mapping[str, Hand] | None = None, *, rounded: bool | None = None) -> HandOperator:
-        """The same with other parameters, for which nothing is bound anew: `hands` by name, the second pass on or off."""
-        chosen = tuple((hands or {}).get(hand.name, hand) for hand in self.hands)
+    def tuned(self, hands: tuple[Hand, ...] | None = None, *, rounded: bool | None = None) -> HandOperator:
+        """The same with other parameters, for which nothing is bound anew: the same hands, the second pass on or off."""
+        chosen = self.hands if hands is None else hands
         return replace(self, hands=chosen, rounded=self.rounded if rounded is None else rounded)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
