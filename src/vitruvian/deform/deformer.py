@@ -163,7 +163,11 @@ class Deformer:
         if not isinstance(operator, HandOperator):
             raise VitruvianError(f"tuned: expected a deformer with hands, found {self.name!r}; make it with hands=True")
         found = hands_of(self.body, hands, like=operator.hands)
-        return replace(self, operator=operator.tuned(found, rounded=rounded))
+        made = replace(self, operator=operator.tuned(found, rounded=rounded))
+        for kept in ("morphs", "incidence", "rest_normals"):  # what does not depend on the operator
+            if kept in self.__dict__:
+                made.__dict__[kept] = self.__dict__[kept]
+        return made
 
     def frames(self, matrices: Floats, *, kind: str = "operator", out: Single | None = None) -> Single:
         """The blended transforms A of all vertices, (F,V,3,4) float32; (V,3,4) for (J,4,4).

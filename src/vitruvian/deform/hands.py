@@ -14,7 +14,7 @@ arc, without which the back of a bent joint is a corner.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,12 +149,13 @@ class HandOperator:
     hands: tuple[Hand, ...]
     rounded: bool = True
     assignments: tuple[Assignment, ...] = ()
-    programs: tuple[HandProgram, ...] = field(init=False)
+    programs: tuple[HandProgram, ...] = ()
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         put("assignments", self.assignments or tuple(assign(hand, self.skin) for hand in self.hands))
-        put("programs", self._programs(self.skin))
+        if not self.programs:
+            put("programs", self._programs(self.skin))
 
     def _programs(self, skin: Skin) -> tuple[HandProgram, ...]:
         both = zip(self.hands, self.assignments, strict=True)
@@ -163,7 +164,12 @@ class HandOperator:
     def tuned(self, hands: tuple[Hand, ...] | None = None, *, rounded: bool | None = None) -> HandOperator:
         """The same with other parameters, for which nothing is bound anew: the same hands, the second pass on or off."""
         chosen = self.hands if hands is None else hands
-        return replace(self, hands=chosen, rounded=self.rounded if rounded is None else rounded)
+        second = self.rounded if rounded is None else rounded
+        programs = tuple(
+            p if second == self.rounded and new.roundings == p.hand.roundings else hand_program(new, self.skin, a, plain=not second)
+            for new, p, a in zip(chosen, self.programs, self.assignments, strict=True)
+        )
+        return replace(self, hands=chosen, rounded=second, programs=programs)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         self.base.points(matrices, out, rest)
