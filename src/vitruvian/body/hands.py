@@ -51,7 +51,9 @@ class Rounding:
     def words(self) -> str:
         """What differs from the defaults, as text: "joint 0.8 axis 0 0 -1"."""
         default = Rounding()
-        parts = [f"{name} {getattr(self, name):.6g}" for name in RANGES if getattr(self, name) != getattr(default, name)]
+        parts = [
+            f"{name} {getattr(self, name):.6g}" for name in RANGES if getattr(self, name) != getattr(default, name)
+        ]
         if self.axis is not None:
             parts.append("axis " + " ".join(f"{v:.6g}" for v in self.axis))
         return " ".join(parts) or "default"

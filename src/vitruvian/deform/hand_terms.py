@@ -214,7 +214,13 @@ def smooth(x: Floats) -> Floats:
 
 
 def _palm(
-    hand: Hand, points: Floats, place: Floats, distance: Floats, palm: Whole, left: Floats, add: Callable[[Whole, Whole, Floats], None]
+    hand: Hand,
+    points: Floats,
+    place: Floats,
+    distance: Floats,
+    palm: Whole,
+    left: Floats,
+    add: Callable[[Whole, Whole, Floats], None],
 ) -> tuple[Whole, Whole, Floats]:
     """The palm: shares of the nearest metacarpal and of its neighbour go to `add`; gap rows, their links and shares."""
     best = palm[np.argmin(distance[:, palm], axis=1)]
@@ -333,11 +339,11 @@ def _zones(
     two = np.clip((1 - along) / np.maximum(far, 1e-9), 0, 1)
     bow = np.stack([(1 - one) ** 2, 1 - (1 - one) ** 2 - (1 - two) ** 2, (1 - two) ** 2], axis=1)
     rounded = (1 - up) * ends(inner) + up * bow
-    coefficients = np.where(
-        outside[:, None], (1 - arc)[:, None] * ends(outer) + arc[:, None] * rounded, ends(inner)
-    )
-    shift = np.where(outside, arc, 0.0)[:, None] * up * np.stack(
-        [-near * one * (1 - one) ** 2, far * two * (1 - two) ** 2], axis=1
+    coefficients = np.where(outside[:, None], (1 - arc)[:, None] * ends(outer) + arc[:, None] * rounded, ends(inner))
+    shift = (
+        np.where(outside, arc, 0.0)[:, None]
+        * up
+        * np.stack([-near * one * (1 - one) ** 2, far * two * (1 - two) ** 2], axis=1)
     )
     return outside, coefficients, shift
 

@@ -166,7 +166,9 @@ class HandOperator:
         chosen = self.hands if hands is None else hands
         second = self.rounded if rounded is None else rounded
         programs = tuple(
-            p if second == self.rounded and new.roundings == p.hand.roundings else hand_program(new, self.skin, a, plain=not second)
+            p
+            if second == self.rounded and new.roundings == p.hand.roundings
+            else hand_program(new, self.skin, a, plain=not second)
             for new, p, a in zip(chosen, self.programs, self.assignments, strict=True)
         )
         return replace(self, hands=chosen, rounded=second, programs=programs)

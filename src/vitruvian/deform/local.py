@@ -215,7 +215,12 @@ def local_operators(deformer: Deformer) -> tuple[LocalOperator, ...]:
         bound(hand.name, hand.vertices, joints, parameters=parameters, program=program)
     for surface in body.contours if deformer.name == "contours" else ():
         domain = surface.vertices.ravel()
-        shares = {"swing": surface.swing, "twist": surface.twist, "diversion": surface.diversion, "mitre": surface.mitre}
+        shares = {
+            "swing": surface.swing,
+            "twist": surface.twist,
+            "diversion": surface.diversion,
+            "mitre": surface.mitre,
+        }
         bound(surface.name, domain[~taken[domain]], surface.joints.tolist(), parameters=shares)
     pivot = np.full(len(skin.rest), -1)
     order = np.lexsort((weights.weight, weights.vertex))
@@ -251,7 +256,9 @@ def partition_faults(operators: Sequence[LocalOperator], body: Body) -> list[str
             continue
         values, times = np.unique(domain, return_counts=True)
         if (times > 1).any():
-            out.append(f"operator {op.name}: expected each vertex once in its domain, found {values[times > 1][0]} twice")
+            out.append(
+                f"operator {op.name}: expected each vertex once in its domain, found {values[times > 1][0]} twice"
+            )
         both = domain[owner[domain] >= 0]
         if len(both):
             other = operators[int(owner[both[0]])].name
