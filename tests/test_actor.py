@@ -98,9 +98,8 @@ def test_units_of_the_file_do_not_matter(shared):
     assert Counter(f.rule for f in found)["e"] == 0 and max(f.distance_mm for f in found) < 60
 
 
-def test_check_tells_about_points(tmp_path, person):
-    file, out = tmp_path / "p.x3d", tmp_path / "q.x3d"
-    vt.save(person, file)
+def test_check_tells_about_points(tmp_path, shared):
+    file, out = shared / "data/hanim/JinLOA3.x3d", tmp_path / "jin.x3d"
     run = lambda *a: subprocess.run([sys.executable, "-m", "vitruvian", *a], capture_output=True, text=True)  # noqa: E731
     said = run("check", str(file), "--points", "--json")
     told = json.loads(said.stdout)[0]["actors"][0]
@@ -110,3 +109,4 @@ def test_check_tells_about_points(tmp_path, person):
     again = json.loads(done.stdout)[0]["actors"][0]
     assert len(again["findings"]) < len(told["findings"]) and "r_elbow: moved by" in done.stderr
     assert "l_elbow: moved" not in done.stderr
+    assert run("check", str(file), "--lock", "l_elbow").stderr.startswith("error: --lock: says what --place leaves")

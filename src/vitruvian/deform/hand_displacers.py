@@ -9,6 +9,7 @@ Source: ISO/IEC 19774-1, Displacer; the operator is that of `hands`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+
 import numpy as np
 
 from vitruvian.body.types import Floats, Ints, Morph, Skeleton
@@ -81,7 +82,7 @@ def add_displacers(humanoid: Humanoid, displacers: Sequence[Displaced], vertices
     """
     made = humanoid.copied()
     joints = {j.name: j for j in made.joints()}
-    for d, m in zip([d for d in displacers for _ in d.samples], as_morphs(displacers), strict=True):
+    for d, m in zip([each for each in displacers for _ in each.samples], as_morphs(displacers), strict=True):
         index = m.index if vertices is None else vertices[m.index]
         if d.name not in joints or len(index) and int(index.max()) >= len(made.skin_coord):
             raise VitruvianError(f"joint {d.name}: expected it and a skin of {int(index.max()) + 1} points, found none")

@@ -12,6 +12,7 @@ from vitruvian.body.types import Body, Floats, Ints, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.tables import canonical
 
+SMALL = 0.8  # of the median link: a rigid piece that is shorter is no part of a finger
 FADE = 0.35  # of the palm, over which the hand sets in beyond the wrist
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joints of each ray from the wrist on; the thumb has one less.
@@ -108,8 +109,6 @@ def _hand(
         if joint >= 0 and joint in near:
             axis_far[i] = axis_near[near.index(joint)]
     vertices = _skin(body, wrist, start_, end_) if vertices is None else vertices
-    if not len(vertices):
-        return None
     names = skeleton.names
     chosen = tuple(
         _rounding((given, body.roundings), names[joint], side, FINGERS[ray - 1])
@@ -149,4 +148,36 @@ def _skin(body: Body, wrist: int, start: Floats, end: Floats) -> Ints:
     vertices = np.flatnonzero(held > 0.1).astype(np.int32)
     bone = end - start
     place = np.einsum("nld,ld->nl", body.skin.rest[vertices][:, None] - start, bone) / np.sum(bone * bone, axis=1)
-    return vertices[(place > 0).any(axis=1)]
+    vertices = vertices[(place > 0).any(axis=1)]
+    return vertices[~_marks(body, vertices, float(np.median(np.linalg.norm(bone, axis=1))))]
+
+
+def _marks(body: Body, vertices: Ints, length: float) -> np.ndarray:
+    """(N,) which vertices are of pieces that one joint holds and that are much smaller than a link: balls that mark joints,
+    nails, rings. They have nothing to deform."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    skin = body.skin
+    place = np.full(len(skin.rest), -1)
+    place[vertices] = np.arange(len(vertices))
+    corner = place[skin.triangles]
+    corner = corner[(corner >= 0).all(axis=1)]
+    edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]]])
+    _, same = np.unique(skin.rest[vertices], axis=0, return_inverse=True)
+    count = int(same.max(initial=-1)) + 1
+    links = csr_array((np.ones(len(edges)), (same[edges[:, 0]], same[edges[:, 1]])), shape=(count, count))
+    piece = connected_components(links, directed=False)[1][same]
+    joint, weight = (a[:, 0] for a in skin.weights.top(1))
+    joint, alone = joint[vertices], weight[vertices] > 0.999
+    number = int(piece.max(initial=-1)) + 1
+    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
+    np.minimum.at(low, piece, skin.rest[vertices])
+    np.maximum.at(high, piece, skin.rest[vertices])
+    first, last = np.full(number, len(body.skeleton)), np.full(number, -1)
+    np.minimum.at(first, piece, joint)
+    np.maximum.at(last, piece, joint)
+    held = np.ones(number, bool)
+    np.logical_and.at(held, piece, alone)
+    small = (high - low).max(axis=1) < SMALL * length
+    return np.asarray((small & held & (first == last))[piece])

@@ -50,7 +50,8 @@ class HandProgram:
     vertex (n,); along (n,) R; shift (n,2): how far along the link an arc at its ends moves it; coefficients (n,3) of the
     frames at the near end, of the link and at the far end; local (n,3); swell (n,3): factors of the knuckle at the near
     end, at the far end, and of the muscle; press (n,): how far the palm side gives way where it would fold onto itself.
-    previous (L,): the link that ends where each begins, -1 for none. gap_vertex (g,), alongs (g,2), gap_coefficients (g,2,3), across (g,),
+    previous (L,): the link that ends where each begins, -1 for none.
+    gap_vertex (g,), alongs (g,2), gap_coefficients (g,2,3), across (g,),
     gap_local (g,3), fold (g,) factor of thickness, width (g,) rest distance.
     """
 
@@ -303,7 +304,8 @@ def hand_program(hand: Hand, skin: Skin, assignment: Assignment | None = None, *
     whole = np.bincount(a.row, a.share, minlength=count) + np.bincount(a.gap_row, a.gap_share, minlength=count)
     return HandProgram(
         hand, a, normal_near, normal_own, normal_far, axis_own, whole, hand.vertices[a.row], along, shift,
-        coefficients, local, swell, press, previous, hand.vertices[a.gap_row], alongs, gap_coefficients, across, gap_local, fold, width,
+        coefficients, local, swell, press, previous, hand.vertices[a.gap_row], alongs, gap_coefficients, across,
+        gap_local, fold, width,
     )  # fmt: skip
 
 

@@ -55,8 +55,8 @@ _SECTIONS = (*_PIVOTS, "radiocarpal", "talocrural")  # where a limb has a sectio
 _EPICONDYLES = {"elbow": "humeral", "knee": "femoral"}
 # Bone -> length as a share of the stature, and the share of that by which humans differ.
 LENGTHS = {
-    ("shoulder", "elbow"): (0.186, 0.2), ("elbow", "radiocarpal"): (0.146, 0.2), ("radiocarpal", "middle_tip"): (0.108, 0.3),
-    ("hip", "knee"): (0.245, 0.2), ("knee", "talocrural"): (0.246, 0.2), ("heel", "toe_tip"): (0.152, 0.3),
+    ("shoulder", "elbow"): (0.186, 0.2), ("elbow", "radiocarpal"): (0.146, 0.2), ("hip", "knee"): (0.245, 0.2),
+    ("knee", "talocrural"): (0.246, 0.2), ("radiocarpal", "middle_tip"): (0.108, 0.3), ("heel", "toe_tip"): (0.152, 0.3),
 }  # fmt: skip
 # From where on a point is misplaced: shares of the limb's radius, of the body's depth, of the stature; an angle.
 OFF_CENTER, OFF_LINE, OFF_DEPTH, OFF_MIRROR, OFF_POSE = 0.35, 0.3, 0.12, 0.01, np.radians(20.0)
@@ -211,14 +211,21 @@ def _centered(a: Actor, name: str, bisector: Floats, axis: Floats) -> tuple[Floa
     middle, rim, radius = section
     reach = (rim - here) @ axis
     ends = [rim[np.argmin(reach)], rim[np.argmax(reach)]]
-    for joint, bone in _EPICONDYLES.items():
-        both = [a.features.get(f"{name[:2]}{bone}_{side}_epicondyle") for side in ("medial", "lateral")]
-        if joint in name and both[0] is not None and both[1] is not None:
-            if np.linalg.norm(both[1] - both[0]) > _APART * radius:
-                ends = both
+    sides = _sides(a, name)
+    if sides is not None and np.linalg.norm(sides[1] - sides[0]) > _APART * radius:
+        ends = sides
     line = unit(ends[1] - ends[0])
     aside = ends[0] - here
     return middle - here, aside - (aside @ line) * line, radius
+
+
+def _sides(a: Actor, name: str) -> list[Floats] | None:
+    """The two epicondyles of an elbow or a knee, when feature points give them."""
+    for joint, bone in _EPICONDYLES.items():
+        both = [f"{name[:2]}{bone}_{side}_epicondyle" for side in ("medial", "lateral")]
+        if joint in name and all(p in a.features for p in both):
+            return [a.features[p] for p in both]
+    return None
 
 
 def _sections(a: Actor) -> list[Misplaced]:
@@ -228,13 +235,11 @@ def _sections(a: Actor) -> list[Misplaced]:
         if found is None:
             continue
         to_middle, to_line, radius = found
-        for joint, bone in _EPICONDYLES.items():
-            both = [a.features.get(f"{name[:2]}{bone}_{side}_epicondyle") for side in ("medial", "lateral")]
-            if joint in name and both[0] is not None and both[1] is not None:
-                apart = float(np.linalg.norm(both[1] - both[0]))
-                if apart <= _APART * radius:
-                    text = f"its epicondyles are {apart * a.scale * 1000:.0f} mm apart, not on both sides of the limb"
-                    out.append(_finding("b", name, None, text, 2 * radius - apart))
+        sides = _sides(a, name)
+        apart = np.inf if sides is None else float(np.linalg.norm(sides[1] - sides[0]))
+        if apart <= _APART * radius:
+            text = f"its epicondyles are {apart * a.scale * 1000:.0f} mm apart, not on both sides of the limb"
+            out.append(_finding("b", name, None, text, 2 * radius - apart))
         if np.linalg.norm(to_middle) > OFF_CENTER * radius:
             share = np.linalg.norm(to_middle) / radius
             out.append(_finding("a", name, to_middle, f"off the middle of the limb by {share:.0%} of its radius"))
