@@ -12,7 +12,7 @@ human skin deformations in a grasping task" (1989), section 2.1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -277,7 +277,8 @@ def partition_faults(operators: Sequence[LocalOperator], body: Body) -> list[str
 
 @dataclass(frozen=True, eq=False)
 class Composed:
-    """An actor's local operators as one operator for a `Deformer`. Raises VitruvianError when they are no partition."""
+    """An actor's local operators as one operator for a `Deformer`. Joints turn; of translations only those of the root
+    and above an operator's joints are followed. Raises VitruvianError when they are no partition."""
 
     body: Body
     operators: tuple[LocalOperator, ...]
@@ -292,12 +293,22 @@ class Composed:
         skeleton = self.body.skeleton
         for op in sorted(self.operators, key=lambda o: o.adds):
             value = op.evaluate(angles_of(skeleton, op.joints, matrices))
-            carrier = matrices[:, op.anchor] if op.anchor >= 0 else np.tile(np.eye(4), (len(matrices), 1, 1))
+            carrier = self._carrier(op, matrices)
             moved = np.einsum("fab,fnb->fna", carrier[:, :3, :3], value)
             if op.adds:
                 out[:, op.domain] += moved.astype(np.float32)
             else:
                 out[:, op.domain] = moved + carrier[:, None, :3, 3]
+
+    def _carrier(self, op: LocalOperator, matrices: Floats) -> Floats:
+        """(F,4,4) what carries an operator's value: its anchor, or how far the root that it turns with has moved."""
+        if op.anchor >= 0:
+            return matrices[:, op.anchor]
+        out = np.tile(np.eye(4), (len(matrices), 1, 1))
+        if len(op.joints):
+            center, root = self.body.skeleton.centers[op.joints[0]], matrices[:, op.joints[0]]
+            out[:, :3, 3] = root[:, :3, :3] @ center + root[:, :3, 3] - center
+        return out
 
     def frames(self, matrices: Floats, out: Single) -> None:
         """The rigid motion of the joint that holds each vertex most, put where the vertex is."""
@@ -310,4 +321,5 @@ class Composed:
 
 def composed(body: Body, operators: Sequence[LocalOperator]) -> Deformer:
     """A deformer made of local operators. Raises VitruvianError, naming vertex or joint, when they are no partition."""
-    return Deformer("composed", body, Composed(body, tuple(operators)))
+    bare = replace(body, skin=replace(body.skin, morphs=()))  # displacers are among the operators, if wanted
+    return Deformer("composed", bare, Composed(body, tuple(operators)))
