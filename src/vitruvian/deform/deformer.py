@@ -82,13 +82,17 @@ def deformer(
     require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
     if name == "hand" or hands not in (None, False):
         chosen = hands if isinstance(hands, Mapping) else None
-        base = deformer(
-            "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
-            fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
-        )  # fmt: skip
         found = hands_of(body, chosen)
         require(bool(found), f"deformer {name!r}", "a body with wrists and fingers", "none")
-        return Deformer(name, body, HandOperator(base.operator, body.skin, found, rounded))
+
+        def under(body: Body) -> Operator:
+            return deformer(
+                "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
+                fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
+            ).operator  # fmt: skip
+
+        operator = HandOperator(under(body), body.skin, found, rounded)
+        return Deformer(name, body, replace(operator, beneath=under(operator.spared(body))))
     joints, rest = len(body.skeleton), body.skin.rest
     operator: Operator
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)

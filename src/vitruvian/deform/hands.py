@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.hands import Hand
 from vitruvian.body.rotations import from_matrix, unit
-from vitruvian.body.types import Floats, Skin
+from vitruvian.body.types import Body, Floats, Skin, Weights
 from vitruvian.deform.hand_terms import Assignment, HandProgram, assign, bridge_frames, frames, hand_program, mixed
 from vitruvian.deform.operators import Operator
 from vitruvian.native import kernels
@@ -142,7 +142,10 @@ def _add(program: HandProgram, pose: Bent, moved: Floats) -> None:
 
 @dataclass(frozen=True, eq=False)
 class HandOperator:
-    """Another operator, with hands placed over it. `rounded` False: without the second pass."""
+    """Another operator, with hands placed over it. `rounded` False: without the second pass.
+
+    `beneath`: the same operator as `base`, for a body whose skin is simpler where nothing of it shows.
+    """
 
     base: Operator
     skin: Skin
@@ -150,6 +153,7 @@ class HandOperator:
     rounded: bool = True
     assignments: tuple[Assignment, ...] = ()
     programs: tuple[HandProgram, ...] = ()
+    beneath: Operator | None = None
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -160,6 +164,21 @@ class HandOperator:
     def _programs(self, skin: Skin) -> tuple[HandProgram, ...]:
         both = zip(self.hands, self.assignments, strict=True)
         return tuple(hand_program(hand, skin, a, plain=not self.rounded) for hand, a in both)
+
+    def spared(self, body: Body) -> Body:
+        """A body whose points that are the hands' alone follow one joint each, which costs less."""
+        alone = np.zeros(len(body.skin.rest), bool)
+        for p in self.programs:
+            alone[p.hand.vertices[p.whole > 1 - 1e-9]] = True
+        weights, first = body.skin.weights, body.skin.weights.top(1)[0][:, 0]
+        keep, some = ~alone[weights.vertex], np.flatnonzero(alone)
+        simple = Weights.from_pairs(
+            len(alone),
+            np.concatenate([weights.vertex[keep], some]),
+            np.concatenate([weights.joint[keep], first[some]]),
+            np.concatenate([weights.weight[keep], np.ones(len(some))]),
+        )
+        return replace(body, skin=replace(body.skin, weights=simple))
 
     def tuned(self, hands: tuple[Hand, ...] | None = None, *, rounded: bool | None = None) -> HandOperator:
         """The same with other parameters, for which nothing is bound anew: the same hands, the second pass on or off."""
@@ -174,7 +193,7 @@ class HandOperator:
         return replace(self, hands=chosen, rounded=second, programs=programs)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
-        self.base.points(matrices, out, rest)
+        (self.beneath or self.base).points(matrices, out, rest)
         programs = self.programs
         if rest is not None and any((rest[h.vertices] != self.skin.rest[h.vertices]).any() for h in self.hands):
             # displaced: the hand's points stand elsewhere on their links
