@@ -91,8 +91,8 @@ def deformer(
                 fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
             ).operator  # fmt: skip
 
-        operator = HandOperator(under(body), body.skin, found, rounded)
-        return Deformer(name, body, replace(operator, beneath=under(operator.spared(body))))
+        over = HandOperator(under(body), body.skin, found, rounded)
+        return Deformer(name, body, replace(over, beneath=under(over.spared(body))))
     joints, rest = len(body.skeleton), body.skin.rest
     operator: Operator
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)

@@ -56,7 +56,7 @@ def hand_displacers(deformer: Deformer, degrees: Sequence[float] = (30.0, 60.0, 
 
 def displacer_weights(displacers: Sequence[Displaced], skeleton: Skeleton, matrices: Floats) -> dict[str, Floats]:
     """Displacer name -> weight (F,) in poses given by joint matrices (F,J,4,4)."""
-    out = {}
+    out: dict[str, Floats] = {}
     for d in displacers:
         weights = d.weights(angles_of(skeleton, d.joints, matrices)[:, 0])
         out |= {name: weights[:, k] for k, name in enumerate(_names(d))}

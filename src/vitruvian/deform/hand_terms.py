@@ -9,7 +9,6 @@ Source: joint-dependent local operators for hands (1989), section 2; the shares 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -24,6 +23,7 @@ LANES = 8  # terms of one link that the kernel works on at once
 ARC = 1.6  # an arc's share of the link over the portion that is inflated
 LEAST = 1e-3  # shares below this go to the others
 Whole = NDArray[np.int64]
+Term = tuple[Whole, Whole, Floats]  # which points, by which links, with what shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,52 +112,25 @@ def assign(hand: Hand, skin: Skin) -> Assignment:
     chain = np.zeros(links, np.int64)
     for link in range(links):  # a link comes after the one it hangs on
         chain[link] = link if previous[link] < 0 else chain[previous[link]]
-    palm = (hand.beside >= 0).any(axis=1)
-    weights = _chain_weights(hand, skin, chain, previous)
-    fingers, metacarpal, everything = weights
     roots = np.flatnonzero(previous < 0)
-    free = np.flatnonzero(~palm[roots])  # of the roots: the thumb
-    rows: list[Whole] = []
-    owners: list[Whole] = []
-    shares: list[Floats] = []
-
-    def add(some: Whole, link: Whole, share: Floats) -> None:
-        rows.append(some)
-        owners.append(link)
-        shares.append(share)
-
     best = np.empty((count, len(roots)), np.int64)  # the nearest link of each finger
     for c, root in enumerate(roots):
-        own = np.flatnonzero(chain == root)
-        best[:, c] = own[::-1][np.argmin(distance[:, own[::-1]], axis=1)]
-    total = np.where(everything > 1e-9, everything, 1.0)
-    every = np.arange(count)
-    if not palm.any():
-        alone = fingers + metacarpal
-        amount = alone.sum(axis=1, keepdims=True)
-        nearest = np.zeros_like(alone)
-        nearest[every, np.argmin(distance[every[:, None], best], axis=1)] = 1
-        part = np.where(amount > 1e-9, alone / np.where(amount > 1e-9, amount, 1), nearest)
-        for c in range(len(roots)):
-            add(every, best[:, c], part[:, c])
-        gaps = (np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros(0))
+        own = np.flatnonzero(chain == root)[::-1]
+        best[:, c] = own[np.argmin(distance[:, own], axis=1)]
+    weights = _chain_weights(hand, skin, chain, previous)
+    palm = np.flatnonzero((hand.beside >= 0).any(axis=1))
+    terms: list[Term] = []
+    gap_row, pair, gap_part = np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros(0)
+    if len(palm):
+        left = _fingers(terms, best, weights, np.isin(roots, palm))
+        gap_row, pair, gap_part = _palm(terms, hand, points, place, distance, palm, left)
     else:
-        thumb = (fingers + metacarpal)[:, free] / total[:, None]
-        for i, c in enumerate(free):
-            add(every, best[:, c], thumb[:, i])
-        left = 1 - thumb.sum(axis=1)
-        across_palm = np.flatnonzero(palm[roots])
-        beyond = fingers[:, across_palm]
-        reach = beyond.sum(axis=1)
-        below = np.maximum(everything - reach - (fingers + metacarpal)[:, free].sum(axis=1), 0.0)
-        share = reach / np.where(reach + below > 1e-9, reach + below, 1.0)
-        for i, c in enumerate(across_palm):
-            add(every, best[:, c], left * share * beyond[:, i] / np.where(reach > 1e-9, reach, 1.0))
-        gaps = _palm(hand, points, place, distance, np.flatnonzero(palm), left * (1 - share), add)
-    row, link, part = (np.concatenate(x) for x in (rows, owners, shares))
-    keep, gap_keep = part > LEAST, gaps[2] > LEAST
+        _alone(terms, best, distance, weights)
+    row, link = (np.concatenate([t[i] for t in terms]) for i in (0, 1))
+    part = np.concatenate([t[2] for t in terms])
+    keep, gap_keep = part > LEAST, gap_part > LEAST
     row, link, part = row[keep], link[keep], part[keep]
-    gap_row, pair, gap_part = (g[gap_keep] for g in gaps)
+    gap_row, pair, gap_part = gap_row[gap_keep], pair[gap_keep], gap_part[gap_keep]
     held = np.bincount(row, part, minlength=count) + np.bincount(gap_row, gap_part, minlength=count)
     held = np.where(held > 0, held, 1.0)
     setting = _fade(hand, place, previous)
@@ -165,11 +138,40 @@ def assign(hand: Hand, skin: Skin) -> Assignment:
     both = (setting[gap_row, pair[:, 0]] + setting[gap_row, pair[:, 1]]) / 2
     gap_part = gap_part / held[gap_row] * both * hand.share[gap_row]
     some, gap_some = part > 0, gap_part > 0
-    whole = lambda x: x.astype(np.int32)  # noqa: E731
     return Assignment(
-        whole(row[some]), whole(link[some]), part[some], whole(gap_row[gap_some]), whole(pair[gap_some]),
-        gap_part[gap_some],
+        row[some].astype(np.int32), link[some].astype(np.int32), part[some], gap_row[gap_some].astype(np.int32),
+        pair[gap_some].astype(np.int32), gap_part[gap_some],
     )  # fmt: skip
+
+
+def _alone(terms: list[Term], best: Whole, distance: Floats, weights: tuple[Floats, Floats, Floats]) -> None:
+    """Fingers without a palm: by the skin's weights, points without any by distance."""
+    every = np.arange(len(best))
+    alone = weights[0] + weights[1]
+    amount = alone.sum(axis=1, keepdims=True)
+    nearest = np.zeros_like(alone)
+    nearest[every, np.argmin(distance[every[:, None], best], axis=1)] = 1
+    part = np.where(amount > 1e-9, alone / np.where(amount > 1e-9, amount, 1), nearest)
+    terms += [(every, best[:, c], part[:, c]) for c in range(best.shape[1])]
+
+
+def _fingers(
+    terms: list[Term], best: Whole, weights: tuple[Floats, Floats, Floats], in_palm: NDArray[np.bool_]
+) -> Floats:
+    """The thumb, and fingers beyond the palm, by the skin's weights; (N,) what is left for the palm. in_palm (C,)."""
+    fingers, metacarpal, everything = weights
+    every = np.arange(len(best))
+    both = fingers + metacarpal
+    thumb = both[:, ~in_palm] / np.where(everything > 1e-9, everything, 1.0)[:, None]
+    terms += [(every, best[:, c], thumb[:, i]) for i, c in enumerate(np.flatnonzero(~in_palm).tolist())]
+    left: Floats = 1 - thumb.sum(axis=1)
+    beyond = fingers[:, in_palm]
+    reach = beyond.sum(axis=1)
+    below = np.maximum(everything - reach - both[:, ~in_palm].sum(axis=1), 0.0)
+    share: Floats = reach / np.where(reach + below > 1e-9, reach + below, 1.0)
+    amount = left * share / np.where(reach > 1e-9, reach, 1.0)
+    terms += [(every, best[:, c], amount * beyond[:, i]) for i, c in enumerate(np.flatnonzero(in_palm).tolist())]
+    return left * (1 - share)
 
 
 def places(hand: Hand, points: Floats) -> Floats:
@@ -215,23 +217,16 @@ def smooth(x: Floats) -> Floats:
 
 
 def _palm(
-    hand: Hand,
-    points: Floats,
-    place: Floats,
-    distance: Floats,
-    palm: Whole,
-    left: Floats,
-    add: Callable[[Whole, Whole, Floats], None],
-) -> tuple[Whole, Whole, Floats]:
-    """The palm: shares of the nearest metacarpal and of its neighbour go to `add`; gap rows, their links and shares."""
+    terms: list[Term], hand: Hand, points: Floats, place: Floats, distance: Floats, palm: Whole, left: Floats
+) -> Term:
+    """The palm: the nearest metacarpal and its neighbour; gap rows, their links and shares."""
     best = palm[np.argmin(distance[:, palm], axis=1)]
     other, across = _neighbours(hand, points, place, best)
-    every = np.arange(len(points))
-    some = other >= 0
     near, gap, far = _partition(across)
-    add(every, best, left * np.where(some, near, 1.0))
+    some = other >= 0
+    terms.append((np.arange(len(points)), best, left * np.where(some, near, 1.0)))
     rows = np.flatnonzero(some)
-    add(rows, other[rows], (left * far)[rows])
+    terms.append((rows, other[rows], (left * far)[rows]))
     return rows, np.stack([best[rows], other[rows]], axis=1), (left * gap)[rows]
 
 
@@ -301,7 +296,8 @@ def hand_program(hand: Hand, skin: Skin, assignment: Assignment | None = None, *
     muscle = np.array([r.muscle for r in hand.roundings])
     fold = np.where(zones[1][0] & (not plain), muscle[a.links].mean(axis=1), 0.0)
     count = len(hand.vertices)
-    whole = np.bincount(a.row, a.share, minlength=count) + np.bincount(a.gap_row, a.gap_share, minlength=count)
+    whole: Floats = np.bincount(a.row, a.share, minlength=count).astype(np.float64)
+    whole += np.bincount(a.gap_row, a.gap_share, minlength=count)
     return HandProgram(
         hand, a, normal_near, normal_own, normal_far, axis_own, whole, hand.vertices[a.row], along, shift,
         coefficients, local, swell, press, previous, hand.vertices[a.gap_row], alongs, gap_coefficients, across,

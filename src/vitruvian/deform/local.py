@@ -230,9 +230,8 @@ def local_operators(deformer: Deformer) -> tuple[LocalOperator, ...]:
         name = f"skin of {skeleton.names[j]}" if j >= 0 else "skin without weights"
         bound(name, np.flatnonzero(left & (pivot == j)).astype(np.int32), [])
     for m in skin.morphs:
-        own = [] if m.before or m.joint < 0 else [m.joint]
-        anchor = m.joint if m.before else (int(skeleton.parents[m.joint]) if own else -1)
-        joints = np.array(own, np.int32)
+        joints = np.array([] if m.before or m.joint < 0 else [m.joint], np.int32)
+        anchor = m.joint if m.before else (int(skeleton.parents[m.joint]) if len(joints) else -1)
         out.append(Displaced(m.name, m.index, joints, anchor, None, np.ones(1), m.offset[None], m.weight))
     return tuple(out)
 

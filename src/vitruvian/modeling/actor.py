@@ -159,16 +159,16 @@ def examine(a: Actor) -> list[Misplaced]:
     found = [*_mirror(a), *_lengths(a), *_pose(a)]
     if a.flesh is not None:
         found += [*_sections(a), *_inside(a), *_spine(a)]
-    mm = 1000 * a.scale
-    scaled = [
-        replace(
-            f,
-            distance_mm=round(f.distance_mm * mm, 1),
-            move_mm=f.move_mm and tuple(round(v * mm, 1) for v in f.move_mm),
-        )
-        for f in found
-    ]
+    scaled = [_seen(f, 1000 * a.scale) for f in found]  # in millimetres of the figure that is seen
     return sorted(scaled, key=lambda f: -f.distance_mm)
+
+
+def _seen(f: Misplaced, mm: float) -> Misplaced:
+    move = f.move_mm
+    if move is not None:
+        x, y, z = (round(v * mm, 1) for v in move)
+        move = (x, y, z)
+    return replace(f, distance_mm=round(f.distance_mm * mm, 1), move_mm=move)
 
 
 def _finding(rule: str, point: str, move: Floats | None, message: str, distance: float = 0.0) -> Misplaced:
