@@ -126,20 +126,21 @@ def assign(hand: Hand, skin: Skin) -> Assignment:
         gap_row, pair, gap_part = _palm(terms, hand, points, place, distance, palm, left)
     else:
         _alone(terms, best, distance, weights)
-    row, link = (np.concatenate([t[i] for t in terms]) for i in (0, 1))
+    row = np.concatenate([t[0] for t in terms])
+    owner = np.concatenate([t[1] for t in terms])
     part = np.concatenate([t[2] for t in terms])
     keep, gap_keep = part > LEAST, gap_part > LEAST
-    row, link, part = row[keep], link[keep], part[keep]
+    row, owner, part = row[keep], owner[keep], part[keep]
     gap_row, pair, gap_part = gap_row[gap_keep], pair[gap_keep], gap_part[gap_keep]
     held = np.bincount(row, part, minlength=count) + np.bincount(gap_row, gap_part, minlength=count)
     held = np.where(held > 0, held, 1.0)
     setting = _fade(hand, place, previous)
-    part = part / held[row] * setting[row, link] * hand.share[row]
+    part = part / held[row] * setting[row, owner] * hand.share[row]
     both = (setting[gap_row, pair[:, 0]] + setting[gap_row, pair[:, 1]]) / 2
     gap_part = gap_part / held[gap_row] * both * hand.share[gap_row]
     some, gap_some = part > 0, gap_part > 0
     return Assignment(
-        row[some].astype(np.int32), link[some].astype(np.int32), part[some], gap_row[gap_some].astype(np.int32),
+        row[some].astype(np.int32), owner[some].astype(np.int32), part[some], gap_row[gap_some].astype(np.int32),
         pair[gap_some].astype(np.int32), gap_part[gap_some],
     )  # fmt: skip
 

@@ -230,9 +230,9 @@ def local_operators(deformer: Deformer) -> tuple[LocalOperator, ...]:
         name = f"skin of {skeleton.names[j]}" if j >= 0 else "skin without weights"
         bound(name, np.flatnonzero(left & (pivot == j)).astype(np.int32), [])
     for m in skin.morphs:
-        joints = np.array([] if m.before or m.joint < 0 else [m.joint], np.int32)
-        anchor = m.joint if m.before else (int(skeleton.parents[m.joint]) if len(joints) else -1)
-        out.append(Displaced(m.name, m.index, joints, anchor, None, np.ones(1), m.offset[None], m.weight))
+        own = np.array([] if m.before or m.joint < 0 else [m.joint], np.int32)
+        anchor = m.joint if m.before else (int(skeleton.parents[m.joint]) if len(own) else -1)
+        out.append(Displaced(m.name, m.index, own, anchor, None, np.ones(1), m.offset[None], m.weight))
     return tuple(out)
 
 
