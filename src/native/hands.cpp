@@ -59,15 +59,66 @@ double knuckle(double angle) {
     return 1 / cos((angle < 0 ? 0 : angle > most ? most : angle) / 2) - 1;
 }
 
+// Of one link in a pose: its first end and the way to the other; normals and side axes at the near end, of the link, at
+// the far end; knuckles and muscle; how far the two ends are rounded and how tight the palm side is there.
 struct Link {
-    V3 start, along, y_near, y_far, z_near, z_far, bend;
+    V3 start, along, y[3], z[3], bend;
+    double arc[2], tight[2];
 };
 
-inline V3 normal(const Link& k, double blend) { return unit((1 - blend) * k.y_near + blend * k.y_far); }
+inline double rounded(double angle) {
+    const double full = 1.0471975511965976, c = angle < 0 ? 0 : angle > full ? 1 : angle / full;
+    return c * (2 - c);
+}
+
+inline V3 mixed(const V3* v, const double* c) { return unit(c[0] * v[0] + c[1] * v[1] + c[2] * v[2]); }
+
+constexpr int LANES = 8;
+
+// Eight terms of one link, in single precision about the link's first end.
+void block(const Link& k, const float* t, const int32_t* vertex, float* out) {
+    float y[3][3], z[3][3], way[3], start[3], bend[3], arc[2], tight[2], moved[3][LANES];
+    for (int e = 0; e < 3; ++e) {
+        y[e][0] = float(k.y[e].x), y[e][1] = float(k.y[e].y), y[e][2] = float(k.y[e].z);
+        z[e][0] = float(k.z[e].x), z[e][1] = float(k.z[e].y), z[e][2] = float(k.z[e].z);
+    }
+    way[0] = float(k.along.x), way[1] = float(k.along.y), way[2] = float(k.along.z);
+    start[0] = float(k.start.x), start[1] = float(k.start.y), start[2] = float(k.start.z);
+    bend[0] = float(k.bend.x), bend[1] = float(k.bend.y), bend[2] = float(k.bend.z);
+    arc[0] = float(k.arc[0]), arc[1] = float(k.arc[1]);
+    tight[0] = float(k.tight[0]), tight[1] = float(k.tight[1]);
+    for (int i = 0; i < LANES; ++i) {
+        const float share = t[i], a = t[8 + i] + t[16 + i] * arc[0] + t[24 + i] * arc[1];
+        const float c0 = t[32 + i], c2 = t[40 + i], c1 = 1 - c0 - c2;
+        float yx = c0 * y[0][0] + c1 * y[1][0] + c2 * y[2][0], yy = c0 * y[0][1] + c1 * y[1][1] + c2 * y[2][1],
+              yz = c0 * y[0][2] + c1 * y[1][2] + c2 * y[2][2];
+        float zx = c0 * z[0][0] + c1 * z[1][0] + c2 * z[2][0], zy = c0 * z[0][1] + c1 * z[1][1] + c2 * z[2][1],
+              zz = c0 * z[0][2] + c1 * z[1][2] + c2 * z[2][2];
+        const float ny = 1 / sqrtf(yx * yx + yy * yy + yz * yz + 1e-24f);
+        yx *= ny, yy *= ny, yz *= ny;
+        const float d = zx * yx + zy * yy + zz * yz;
+        zx -= d * yx, zy -= d * yy, zz -= d * yz;
+        const float nz = 1 / sqrtf(zx * zx + zy * zy + zz * zz + 1e-24f);
+        zx *= nz, zy *= nz, zz *= nz;
+        const float lx = t[48 + i], lz = t[64 + i];
+        float ly = t[56 + i] * (1 + t[72 + i] * bend[0] + t[80 + i] * bend[1] + t[88 + i] * bend[2]);
+        float r = t[8 + i];
+        r = r < 0 ? 0 : r > 1 ? 1 : r;
+        const float depth = t[96 + i] * ly * ((1 - r) * tight[0] + r * tight[1]), squared = depth * depth;
+        ly /= sqrtf(sqrtf(1 + squared * squared));
+        moved[0][i] = share * (start[0] + a * way[0] + lx * (yy * zz - yz * zy) + ly * yx + lz * zx);
+        moved[1][i] = share * (start[1] + a * way[1] + lx * (yz * zx - yx * zz) + ly * yy + lz * zy);
+        moved[2][i] = share * (start[2] + a * way[2] + lx * (yx * zy - yy * zx) + ly * yz + lz * zz);
+    }
+    for (int i = 0; i < LANES; ++i) {
+        float* o = out + 3 * int64_t(vertex[i]);
+        o[0] += moved[0][i], o[1] += moved[1][i], o[2] += moved[2][i];
+    }
+}
 
 }  // namespace
 
-// One frame: matrix (J,4,4); scratch holds 21 doubles a link; out (V,3) floats.
+// One frame: matrix (J,4,4); scratch holds 31 doubles a link; out (V,3) floats.
 void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
     Link* links = reinterpret_cast<Link*>(scratch);
     for (int64_t l = 0; l < p.links; ++l) {
@@ -79,28 +130,31 @@ void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
         Link& k = links[l];
         k.start = put(own, load(p.start + 3 * l));
         k.along = put(after, load(p.end + 3 * l)) - k.start;
-        k.y_near = unit(turn(before, n_near) + turn(own, n_near));
-        k.y_far = unit(turn(own, n_far) + turn(after, n_far));
-        k.z_near = square(-1.0 * (turn(before, axis_near) + turn(own, axis_near)), k.y_near);
-        k.z_far = square(-1.0 * (turn(own, axis_far) + turn(after, axis_far)), k.y_far);
+        k.y[0] = unit(turn(before, n_near) + turn(own, n_near));
+        k.y[1] = turn(own, unit(n_near + n_far));
+        k.y[2] = unit(turn(own, n_far) + turn(after, n_far));
+        k.z[0] = square(-1.0 * (turn(before, axis_near) + turn(own, axis_near)), k.y[0]);
+        k.z[1] = square(-1.0 * turn(own, unit(axis_near + axis_far)), k.y[1]);
+        k.z[2] = square(-1.0 * (turn(own, axis_far) + turn(after, axis_far)), k.y[2]);
         const double a = flexion(before, own, axis_near), b = flexion(own, after, axis_far), mean = (a + b) / 2;
         k.bend = {knuckle(a), knuckle(b), 1 - cos(mean > 0 ? mean : 0)};
+        k.arc[0] = rounded(a), k.arc[1] = rounded(b);
+        const double most = 2.0943951023931953, steepest = a > b ? a : b;
+        const double clipped = steepest < 0 ? 0 : steepest > most ? most : steepest;
+        k.tight[0] = k.tight[1] = (mean > 0 ? mean : 0) / (0.9 * sqrt(dot(k.along, k.along)) * cos(clipped / 2));
     }
+    for (int64_t l = 0; l < p.links; ++l)  // both links of a joint agree there
+        if (p.previous[l] >= 0) {
+            double &one = links[p.previous[l]].tight[1], &two = links[l].tight[0];
+            one = two = one > two ? one : two;
+        }
     for (int64_t i = 0; i < p.vertices; ++i) {
         float* o = out + 3 * int64_t(p.vertex[i]);
-        const double rest = 1 - p.whole[i];
-        for (int c = 0; c < 3; ++c) o[c] = float(rest * o[c]);
+        const float rest = float(1 - p.whole[i]);
+        o[0] *= rest, o[1] *= rest, o[2] *= rest;
     }
-    for (int64_t i = 0; i < p.terms; ++i) {
-        const Link& k = links[p.link[i]];
-        const double t = p.blend[i];
-        const V3 y = normal(k, t), z = square((1 - t) * k.z_near + t * k.z_far, y), x = cross(y, z);
-        const V3 local = load(p.local + 3 * i);
-        const double grown = 1 + dot(load(p.swell + 3 * i), k.bend);
-        const V3 v = p.share[i] * (k.start + p.along[i] * k.along + local.x * x + (local.y * grown) * y + local.z * z);
-        float* o = out + 3 * int64_t(p.term_vertex[i]);
-        o[0] += float(v.x), o[1] += float(v.y), o[2] += float(v.z);
-    }
+    for (int64_t i = 0; i < p.blocks; ++i)
+        block(links[p.block_link[i]], p.term + i * 13 * LANES, p.block_vertex + i * LANES, out);
     for (int64_t i = 0; i < p.gaps; ++i) {
         const Link &a = links[p.pair[2 * i]], &b = links[p.pair[2 * i + 1]];
         const V3 from = a.start + p.alongs[2 * i] * a.along, to = b.start + p.alongs[2 * i + 1] * b.along;
@@ -112,8 +166,9 @@ void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
             thick = 1 + p.fold[i] * (1 / (ratio > 1e-6 ? ratio : 1e-6) - 1);
             if (thick > 2) thick = 2;
         }
-        const V3 mixed = (1 - s) * normal(a, p.blends[2 * i]) + s * normal(b, p.blends[2 * i + 1]);
-        const V3 y = square(mixed, x), z = cross(x, y), local = load(p.gap_local + 3 * i);
+        const double* c = p.coefficients + 6 * i;
+        const V3 y = square((1 - s) * mixed(a.y, c) + s * mixed(b.y, c + 3), x), z = cross(x, y);
+        const V3 local = load(p.gap_local + 3 * i);
         const V3 v = p.gap_share[i] * (from + s * bridge + local.x * x + (local.y * thick) * y + local.z * z);
         float* o = out + 3 * int64_t(p.gap_vertex[i]);
         o[0] += float(v.x), o[1] += float(v.y), o[2] += float(v.z);

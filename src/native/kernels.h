@@ -60,15 +60,16 @@ struct ContourProgram {
 
 // One hand; see vitruvian.deform.hands.HandProgram.
 struct HandJob {
-    int64_t links, vertices, terms, gaps;
-    const int32_t *before, *near, *far;                                                  // (links,) joints, -1: none
-    const double *start, *end, *axis_near, *axis_far, *normal_near, *normal_far;         // (links, 3)
-    const int32_t* vertex;                                                               // (vertices,)
-    const double* whole;                                                                 // (vertices,) share of the hand
-    const int32_t *term_vertex, *link;                                                   // (terms,)
-    const double *share, *along, *blend, *local, *swell;                                 // (terms,), the last two x 3
-    const int32_t *gap_vertex, *pair;                                                    // (gaps,), (gaps, 2)
-    const double *gap_share, *alongs, *blends, *across, *gap_local, *fold, *width;       // alongs, blends x 2; local x 3
+    int64_t links, vertices, blocks, gaps;
+    const int32_t *before, *near, *far, *previous;  // (links,) joints, -1: none; the link that ends where one begins
+    const double *start, *end, *axis_near, *axis_far, *normal_near, *normal_far;  // (links, 3)
+    const int32_t* vertex;                                                        // (vertices,)
+    const double* whole;                                                          // (vertices,) share of the hand
+    const int32_t *block_link, *block_vertex;  // (blocks,), (blocks, 8): terms of one link
+    const float* term;                         // (blocks, 13, 8): share, along, two shifts, coefficients of the frames at
+                                               // the near and the far end, local x y z, three swells, press
+    const int32_t *gap_vertex, *pair;          // (gaps,), (gaps, 2)
+    const double *gap_share, *alongs, *coefficients, *across, *gap_local, *fold, *width;  // (gaps,) x 1 2 6 1 3 1 1
 };
 
 }  // namespace vt

@@ -278,23 +278,22 @@ nb::ndarray<nb::numpy, double> contour_motions(
 
 // Moves the points of a hand in out (F,V,3).
 void hand(Array<double, 4> matrices, Array<int32_t, 1> before, Array<int32_t, 1> near, Array<int32_t, 1> far,
-          Array<double, 2> start, Array<double, 2> end, Array<double, 2> axis_near, Array<double, 2> axis_far,
+          Array<int32_t, 1> previous, Array<double, 2> start, Array<double, 2> end, Array<double, 2> axis_near, Array<double, 2> axis_far,
           Array<double, 2> normal_near, Array<double, 2> normal_far, Array<int32_t, 1> vertex, Array<double, 1> whole,
-          Array<int32_t, 1> term_vertex, Array<int32_t, 1> link, Array<double, 1> share, Array<double, 1> along,
-          Array<double, 1> blend, Array<double, 2> local, Array<double, 2> swell, Array<int32_t, 1> gap_vertex,
-          Array<int32_t, 2> pair, Array<double, 1> gap_share, Array<double, 2> alongs, Array<double, 2> blends,
-          Array<double, 1> across, Array<double, 2> gap_local, Array<double, 1> fold, Array<double, 1> width,
-          Output<float, 3> out) {
+          Array<int32_t, 1> block_link, Array<int32_t, 2> block_vertex, Array<float, 3> term,
+          Array<int32_t, 1> gap_vertex, Array<int32_t, 2> pair, Array<double, 1> gap_share, Array<double, 2> alongs,
+          Array<double, 3> coefficients, Array<double, 1> across, Array<double, 2> gap_local, Array<double, 1> fold,
+          Array<double, 1> width, Output<float, 3> out) {
     const int64_t frames = int64_t(matrices.shape(0)), stride = int64_t(matrices.shape(1)) * 16;
     check(int64_t(out.shape(0)) == frames && out.shape(2) == 3, "out does not fit");
-    check(share.shape(0) == link.shape(0) && gap_share.shape(0) == pair.shape(0), "program does not fit together");
-    const vt::HandJob job{int64_t(near.shape(0)), int64_t(vertex.shape(0)), int64_t(link.shape(0)),
-                          int64_t(pair.shape(0)), before.data(), near.data(), far.data(), start.data(), end.data(),
+    check(term.shape(0) == block_link.shape(0) && gap_share.shape(0) == pair.shape(0), "program does not fit together");
+    const vt::HandJob job{int64_t(near.shape(0)), int64_t(vertex.shape(0)), int64_t(block_link.shape(0)),
+                          int64_t(pair.shape(0)), before.data(), near.data(), far.data(), previous.data(), start.data(), end.data(),
                           axis_near.data(), axis_far.data(), normal_near.data(), normal_far.data(), vertex.data(),
-                          whole.data(), term_vertex.data(), link.data(), share.data(), along.data(), blend.data(),
-                          local.data(), swell.data(), gap_vertex.data(), pair.data(), gap_share.data(), alongs.data(),
-                          blends.data(), across.data(), gap_local.data(), fold.data(), width.data()};
-    std::vector<double> scratch(size_t(job.links) * 21);
+                          whole.data(), block_link.data(), block_vertex.data(), term.data(), gap_vertex.data(),
+                          pair.data(), gap_share.data(), alongs.data(), coefficients.data(), across.data(),
+                          gap_local.data(), fold.data(), width.data()};
+    std::vector<double> scratch(size_t(job.links) * 31);
     nb::gil_scoped_release release;
     for (int64_t f = 0; f < frames; ++f)
         use.hand(matrices.data() + f * stride, job, scratch.data(), out.data() + f * int64_t(out.shape(1)) * 3);

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vitruvian.body.contours import Contours, grid
+from vitruvian.body.hands import stored_roundings
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.rotations import from_axis_angle
@@ -34,7 +35,7 @@ def pack(humanoid: Humanoid) -> Body:
         raise VitruvianError(f"humanoid {humanoid.name!r}: expected at least one Joint in skeleton, found none")
     skeleton = _skeleton(humanoid, joints)
     skin, contours = _skin(humanoid, joints, skeleton)
-    return Body(humanoid.name, skeleton, skin, _placement(humanoid), contours)
+    return Body(humanoid.name, skeleton, skin, _placement(humanoid), contours, stored_roundings(humanoid))
 
 
 def _joints(humanoid: Humanoid) -> list[Joint]:

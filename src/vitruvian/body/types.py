@@ -6,6 +6,7 @@ Everything is validated once, here; whatever takes one of these may trust it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
     from vitruvian.body.contours import Contours
+    from vitruvian.body.hands import Rounding
     from vitruvian.hanim.humanoid import Picture
 
 Floats = NDArray[np.float64]
@@ -278,6 +280,7 @@ class Body:
     """A humanoid, packed. `placement` (4,4) is the Humanoid's own transform, applied after all joint matrices.
 
     `contours`: the surfaces of its skin that are organised in contours; each vertex is in one of them at most.
+    `roundings`: the animator's parameters of the hands, by joint or finger; see `body.hands`.
     """
 
     name: str
@@ -285,6 +288,7 @@ class Body:
     skin: Skin
     placement: Floats = field(default_factory=lambda: np.eye(4))
     contours: tuple[Contours, ...] = ()
+    roundings: Mapping[str, Rounding] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         taken = np.zeros(len(self.skin.rest), np.int32)

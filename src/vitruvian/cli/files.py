@@ -123,12 +123,18 @@ def check(
     also: str = typer.Option("", help="With --fix: rules to repair as well that are repaired on request only, or all."),
     why: bool = typer.Option(False, "--why", help="Say beside each finding why it matters."),
     schema: bool = typer.Option(False, "--schema", help="Ask the X3D XML schema too (rule F09); half a second more."),
+    points: bool = typer.Option(
+        False, "--points", help="Say too where the actor's 87 points are not where they should be."
+    ),
+    place: Path | None = typer.Option(None, "--place", help="Move limb joints into the flesh and write the body here."),
+    lock: str = typer.Option("", help="With --place: points that stay, as l_knee,r_knee."),
     rules: bool = typer.Option(False, "--rules", help="List all rules instead: what each finds, why, what to do."),
     as_json: bool = Json,
 ) -> None:
     """Say what is wrong in H-Anim files, where, and what to do about it. Exit status 1 when there are errors.
 
-    With --fix the answer is about the repaired file.
+    With --fix the answer is about the repaired file. Points are the 71 joints of LOA 2 and 16 ends; rules a to g say
+    where they go.
     """
     from dataclasses import asdict
 
@@ -152,6 +158,12 @@ def check(
         files = [out]
     elif also:
         raise VitruvianError("--also: says what --fix repairs; give --fix OUT")
+    if place is not None:
+        from vitruvian.cli.positions import put_points
+
+        files = [put_points(files, place, lock.replace(",", " ").split())]
+    elif lock:
+        raise VitruvianError("--lock: says what --place leaves alone; give --place OUT")
     documents, lines = [], []
     for file in files:
         findings = examine(file, schema=schema)
@@ -164,6 +176,11 @@ def check(
             where = f"{file}:{f.line}" if f.line else str(file)
             lines.append(f"  {where}: {f.severity} {f.rule} {f.where}: {f.message}" + (f" ({f.fix})" if f.fix else ""))
             lines += [f"      {f.why}"] if why else []
+        if points or place is not None:
+            from vitruvian.cli.positions import actor_points
+
+            documents[-1]["actors"], said = actor_points(file)
+            lines += said
         more = sorted({f.rule for f in findings if RULES[f.rule].auto in {"opt", "part"}})
         if more and out is not None:
             lines.append(f"  on request: --also {','.join(more)}")

@@ -20,7 +20,7 @@ averaging for globally consistent motion estimation" (2004).
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,7 @@ def deformer(
     off: Collection[str] = (),
     survey: bool = False,
     hands: Mapping[str, Rounding] | bool | None = None,
+    rounded: bool = True,
     threads: int = 0,
 ) -> Deformer:
     """Binds an operator to a body.
@@ -69,7 +70,8 @@ def deformer(
     `off`: surfaces of "contours" that follow their joint as rigid pieces; `survey`: its contours keep the volume
     between them.
     `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint
-    or finger ("index", "l_thumb", "" for all).
+    or finger ("index", "l_thumb", "" for all). `rounded` False: without the hands' second pass, that is knuckles, arcs
+    and muscle.
     `threads` 0 chooses by size; results never depend on it.
     Raises VitruvianError for a name that is not in `NAMES` and for options out of range.
     """
@@ -80,13 +82,17 @@ def deformer(
     require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
     if name == "hand" or hands not in (None, False):
         chosen = hands if isinstance(hands, Mapping) else None
-        base = deformer(
-            "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
-            fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
-        )  # fmt: skip
         found = hands_of(body, chosen)
         require(bool(found), f"deformer {name!r}", "a body with wrists and fingers", "none")
-        return Deformer(name, body, HandOperator(base.operator, body.skin, found))
+
+        def under(body: Body) -> Operator:
+            return deformer(
+                "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
+                fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
+            ).operator  # fmt: skip
+
+        over = HandOperator(under(body), body.skin, found, rounded)
+        return Deformer(name, body, replace(over, beneath=under(over.spared(body))))
     joints, rest = len(body.skeleton), body.skin.rest
     operator: Operator
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)
@@ -150,6 +156,22 @@ class Deformer:
                 self.operator.points(frames[f : f + 1], target[f : f + 1], rest)
         add_after(self.morphs, weights, frames, target)
         return out
+
+    def tuned(self, hands: Mapping[str, Rounding] | None = None, *, rounded: bool | None = None) -> Deformer:
+        """The same with other parameters of the hands (all of them: None is the body's own), or without their second
+        pass. Nothing is bound anew, so that it can follow a slider.
+
+        Raises VitruvianError for a deformer without hands, and for names that no link has.
+        """
+        operator = self.operator
+        if not isinstance(operator, HandOperator):
+            raise VitruvianError(f"tuned: expected a deformer with hands, found {self.name!r}; make it with hands=True")
+        found = hands_of(self.body, hands, like=operator.hands)
+        made = replace(self, operator=operator.tuned(found, rounded=rounded))
+        for kept in ("morphs", "incidence", "rest_normals"):  # what does not depend on the operator
+            if kept in self.__dict__:
+                made.__dict__[kept] = self.__dict__[kept]
+        return made
 
     def frames(self, matrices: Floats, *, kind: str = "operator", out: Single | None = None) -> Single:
         """The blended transforms A of all vertices, (F,V,3,4) float32; (V,3,4) for (J,4,4).

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from vitruvian.body.hands import Hand, Rounding
 from vitruvian.body.rotations import unit
-from vitruvian.body.types import Body, Floats, Skeleton
+from vitruvian.body.types import Body, Floats, Ints, Skeleton
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.tables import canonical
 
+SMALL = 0.8  # of the median link: a rigid piece that is shorter is no part of a finger
+FADE = 0.35  # of the palm, over which the hand sets in beyond the wrist
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joints of each ray from the wrist on; the thumb has one less.
 RAYS = {
@@ -24,11 +26,14 @@ RAYS = {
 }  # fmt: skip
 
 
-def hands_of(body: Body, roundings: Mapping[str, Rounding] | None = None) -> tuple[Hand, ...]:
+def hands_of(
+    body: Body, roundings: Mapping[str, Rounding] | None = None, *, like: tuple[Hand, ...] = ()
+) -> tuple[Hand, ...]:
     """Left and right hand of a body, those that have a wrist and at least two fingers.
 
     `roundings`: by the name of a link's first joint ("l_metacarpophalangeal_2"), by a ray ("index", "l_index"), or ""
-    for all. Raises VitruvianError for a name that no link has.
+    for all; they come before those stored with the body. `like`: hands of the same body whose vertices are kept.
+    Raises VitruvianError for a name that no link has.
     """
     given = dict(roundings or {})
     index: dict[str, int] = {}
@@ -36,7 +41,8 @@ def hands_of(body: Body, roundings: Mapping[str, Rounding] | None = None) -> tup
         known = canonical(name)
         if known:
             index.setdefault(known, i)
-    made = [hand for side in "lr" if (hand := _hand(body, index, side, given)) is not None]
+    before = {hand.name[0]: hand.vertices for hand in like}
+    made = [hand for side in "lr" if (hand := _hand(body, index, side, given, before.get(side))) is not None]
     used = {key for hand in made for key in _keys(body.skeleton, hand)}
     unknown = sorted(set(given) - used - {""})
     if unknown:
@@ -51,7 +57,9 @@ def _keys(skeleton: Skeleton, hand: Hand) -> set[str]:
     return out
 
 
-def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding]) -> Hand | None:
+def _hand(
+    body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding], vertices: Ints | None
+) -> Hand | None:
     skeleton = body.skeleton
     wrist = index.get(f"{side}_radiocarpal")
     knuckles = {k: index[name] for k in range(2, 6) if (name := f"{side}_metacarpophalangeal_{k}") in index}
@@ -100,23 +108,23 @@ def _hand(body: Body, index: Mapping[str, int], side: str, given: Mapping[str, R
     for i, joint in enumerate(far):
         if joint >= 0 and joint in near:
             axis_far[i] = axis_near[near.index(joint)]
-    vertices, share = _skin(body, wrist, start_, end_, set(palm.values()))
-    if not len(vertices):
-        return None
+    vertices = _skin(body, wrist, start_, end_) if vertices is None else vertices
     names = skeleton.names
     chosen = tuple(
-        _rounding(given, names[joint], side, FINGERS[ray - 1]) for joint, ray in zip(near, rays, strict=True)
+        _rounding((given, body.roundings), names[joint], side, FINGERS[ray - 1])
+        for joint, ray in zip(near, rays, strict=True)
     )
     return Hand(
         f"{side}_hand", np.array(before), np.array(near), np.array(far), start_, end_, axis_near, axis_far,
-        np.array(beside), vertices, share, chosen,
-    )  # fmt: skip
+        np.array(beside), vertices, np.ones(len(vertices)), chosen, FADE,
+    ).rounded(chosen)  # fmt: skip
 
 
-def _rounding(given: Mapping[str, Rounding], joint: str, side: str, finger: str) -> Rounding:
-    for key in (joint, canonical(joint) or joint, f"{side}_{finger}", finger, ""):
-        if key in given:
-            return given[key]
+def _rounding(tables: Sequence[Mapping[str, Rounding]], joint: str, side: str, finger: str) -> Rounding:
+    for table in tables:
+        for key in (joint, canonical(joint) or joint, f"{side}_{finger}", finger, ""):
+            if key in table:
+                return table[key]
     return Rounding()
 
 
@@ -129,22 +137,47 @@ def _tip(skeleton: Skeleton, side: str, ray: int, joints: list[int]) -> Floats:
     return last + 0.8 * (last - skeleton.centers[joints[-2]]) if len(joints) > 1 else last
 
 
-def _skin(body: Body, wrist: int, start: Floats, end: Floats, palm: set[int]) -> tuple[np.ndarray, Floats]:
-    """Vertices that move with the hand, and how far each is the hand's: growing over the first third of the palm."""
+def _skin(body: Body, wrist: int, start: Floats, end: Floats) -> Ints:
+    """Vertices that move with the hand, beyond the beginning of its bones."""
     parents = body.skeleton.parents
     below = np.zeros(len(parents), bool)
     for j, parent in enumerate(parents):
         below[j] = j == wrist or (parent >= 0 and below[parent])
     weights = body.skin.weights
     held = np.bincount(weights.vertex, weights.weight * below[weights.joint], minlength=len(weights))
-    vertices = np.flatnonzero(held > 0.5).astype(np.int32)
-    points = body.skin.rest[vertices]
+    vertices = np.flatnonzero(held > 0.1).astype(np.int32)
     bone = end - start
-    place = np.einsum("nld,ld->nl", points[:, None] - start, bone) / np.sum(bone * bone, axis=1)
-    foot = start + np.clip(place, 0, 1)[..., None] * bone
-    nearest = np.argmin(np.linalg.norm(points[:, None] - foot, axis=2), axis=1)
-    here = place[np.arange(len(points)), nearest]
-    ramp = np.clip(here / 0.35, 0, 1)
-    share = np.where(np.isin(nearest, list(palm)), ramp * ramp * (3 - 2 * ramp), 1.0)
-    kept = share > 0
-    return vertices[kept], share[kept]
+    place = np.einsum("nld,ld->nl", body.skin.rest[vertices][:, None] - start, bone) / np.sum(bone * bone, axis=1)
+    vertices = vertices[(place > 0).any(axis=1)]
+    return vertices[~_marks(body, vertices, float(np.median(np.linalg.norm(bone, axis=1))))]
+
+
+def _marks(body: Body, vertices: Ints, length: float) -> np.ndarray:
+    """(N,) which vertices are of pieces that one joint holds and that are much smaller than a link: balls that mark joints,
+    nails, rings. They have nothing to deform."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    skin = body.skin
+    place = np.full(len(skin.rest), -1)
+    place[vertices] = np.arange(len(vertices))
+    corner = place[skin.triangles]
+    corner = corner[(corner >= 0).all(axis=1)]
+    edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]]])
+    _, same = np.unique(skin.rest[vertices], axis=0, return_inverse=True)
+    count = int(same.max(initial=-1)) + 1
+    links = csr_array((np.ones(len(edges)), (same[edges[:, 0]], same[edges[:, 1]])), shape=(count, count))
+    piece = connected_components(links, directed=False)[1][same]
+    joint, weight = (a[:, 0] for a in skin.weights.top(1))
+    joint, alone = joint[vertices], weight[vertices] > 0.999
+    number = int(piece.max(initial=-1)) + 1
+    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
+    np.minimum.at(low, piece, skin.rest[vertices])
+    np.maximum.at(high, piece, skin.rest[vertices])
+    first, last = np.full(number, len(body.skeleton)), np.full(number, -1)
+    np.minimum.at(first, piece, joint)
+    np.maximum.at(last, piece, joint)
+    held = np.ones(number, bool)
+    np.logical_and.at(held, piece, alone)
+    small = (high - low).max(axis=1) < SMALL * length
+    return np.asarray((small & held & (first == last))[piece])
