@@ -3,7 +3,7 @@
 import * as THREE from "three";
 import { center } from "./pose.js";
 
-const SIDES = { l: "#58c4b8", r: "#f0a35e", m: "#f4f1ea" };
+const SIDES = { l: "#58c4b8", r: "#f0a35e", m: "#8b80e0" }; // seen on skin and in both themes
 const SELECTED = "#ffe14a";
 const KINDS = { "feature point": "#b78cf2", "end effector": "#ff9d5c", viewpoint: "#5cc8ff", other: "#c9c4bd" };
 const side = (name) => (/^(l_|left)/i.test(name) ? "l" : /^(r_|right)/i.test(name) ? "r" : "m");
@@ -74,7 +74,7 @@ export class Overlay {
     if (this.skeleton.visible) {
       const at = figure.joints.map((_, j) => center(figure.pose, figure.centers, j));
       this.shown.forEach((j, i) => {
-        const most = 7 * this.scale * pixel(figure.jointPosition(j, a)), r = Math.min(this.size[j], most) * (j === this.selected ? 1.6 : 1);
+        const dot = this.scale * pixel(figure.jointPosition(j, a)), r = Math.max(1.5 * dot, Math.min(this.size[j], 7 * dot)) * (j === this.selected ? 1.6 : 1);
         this.dots.setMatrixAt(i, m.makeScale(r, r, r).setPosition(...at[j]));
       });
       this.bones.forEach(([p, j], i) => {
