@@ -25,11 +25,11 @@ struct Near {
 
     void learn(const float* table, const int32_t* index) {
         bool same = known;
-        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k * 8];
+        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k];
         if (same) return;
         known = true;
         worst = 0;
-        for (int k = 0; k < K; ++k) joint[k] = index[k * 8];
+        for (int k = 0; k < K; ++k) joint[k] = index[k];
         for (int j = 0; j < K; ++j)
             for (int k = j + 1; k < K; ++k) {
                 const float *p = table + joint[j], *q = table + joint[k];

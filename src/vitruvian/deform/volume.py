@@ -17,8 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats
-from vitruvian.deform.bind import Influences
+from vitruvian.body.types import Body, Floats, Ints
+from vitruvian.deform.bind import DUAL, Influences
 from vitruvian.deform.operators import Linear, Rigid, apply
 
 Single = NDArray[np.float32]
@@ -60,7 +60,22 @@ class Volume:
         kept = Influences(row, rows.joint[moving], weight[moving], rows.joints)
         return Linear(kept, self.center, self.rigid.threads)
 
+    @cached_property
+    def laid(self) -> list[dict[str, NDArray]]:
+        """Centres, and the weights that carry them, as the kernel wants them."""
+        kept = self.carried.rows
+        out = []
+        for b in self.rigid.buckets:
+            joint = b.joint // DUAL
+            joint = np.repeat(joint[:, :, None], b.lanes, axis=2) if b.shared else joint
+            vertex = b.vertices.reshape(-1, 1, b.lanes)
+            carry = np.where(b.weight > 0, _look_up(kept, vertex, joint), 0)
+            out.append({"center": b.lay(self.center), "carry": np.ascontiguousarray(carry, dtype=np.float32)})
+        return out
+
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
+        if self.rigid.centred(matrices, out, rest, self.laid):
+            return
         self.rigid.points(matrices, out, rest)
         out -= self._placed(self.turned, matrices)
         out += self._placed(self.carried, matrices)
@@ -74,6 +89,18 @@ class Volume:
         out = np.empty((len(matrices), len(self.center), 3), np.float32)
         operator.points(matrices, out)
         return out
+
+
+def _look_up(rows: Influences, vertex: Ints, joint: Ints) -> Floats:
+    """Weights of joints on vertices, arrays of one shape; zero where a joint has none."""
+    vertex, joint = np.broadcast_arrays(vertex.astype(np.int64), joint)
+    size = rows.joints + 1
+    known = rows.vertex.astype(np.int64) * size + rows.joint
+    order = np.argsort(known)
+    wanted = (vertex * size + joint).ravel()
+    at = np.minimum(np.searchsorted(known, wanted, sorter=order), max(len(known) - 1, 0))
+    found = order[at]
+    return np.where(known[found] == wanted, rows.weight[found], 0.0).reshape(vertex.shape)
 
 
 def _feet(body: Body, rows: Influences) -> Floats:
