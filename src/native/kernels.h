@@ -96,7 +96,8 @@ struct HandJob {
                       const float* table, float* out, int64_t stride, bool whole);                                    \
     void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out);                    \
     void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job);                               \
-    void face_normals(int64_t first, int64_t last, const float* points, const int32_t* triangle, float* out);         \
+    void face_normals(int64_t first, int64_t last, int64_t count, const float* points, const int32_t* triangle,       \
+                      float* out);                                                                                    \
     void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \
                         const int32_t* point, float* out);                                                            \
     void contour_links(const double* matrix, const ContourProgram& program, bool follow, bool fresh, double* before,  \

@@ -5,6 +5,7 @@
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -319,16 +320,16 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
     const int64_t frames = int64_t(points.shape(0)), vertices = int64_t(points.shape(1));
     const int64_t count = int64_t(triangles.shape(0));
     check(out.shape(0) == points.shape(0) && out.shape(1) == points.shape(1), "out does not fit");
-    std::vector<float> faces(size_t(count) * 3);
-    const int workers = vt::threads_for(vertices, threads);
+    std::unique_ptr<float[]> faces(new float[size_t(count) * 4]);
+    const int workers = vt::threads_for(vertices * 3, threads);  // a vertex costs more here than in skinning
     for (int64_t f = 0; f < frames; ++f) {
         const float* p = points.data() + f * vertices * 3;
         float* o = out.data() + f * vertices * 3;
         each(blocks(count, kRun), workers, [&](int64_t i) {
-            use.face_normals(i * kRun, stop(i, count, kRun), p, triangles.data(), faces.data());
+            use.face_normals(i * kRun, stop(i, count, kRun), vertices, p, triangles.data(), faces.get());
         });
         each(blocks(vertices, kRun), workers, [&](int64_t i) {
-            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.data(), row.data(), face.data(), point.data(), o);
+            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.get(), row.data(), face.data(), point.data(), o);
         });
     }
 }

@@ -329,12 +329,26 @@ VT_INLINE bool blend_one(const Bucket& bucket, const RigidJob& job, int64_t f, i
         } else {
             if (job.steps > 1) return false;
             near.learn(table, joint);
-            if (!near.blend(table, weight, a)) return false;
+            if (!near.template blend<1>(table, weight, &a)) return false;
         }
     } else {
         return false;
     }
     finish<K, U>(bucket, job, f, place, last, a);
+    return true;
+}
+
+// Two groups of the same joints by the short way, if it is open to both.
+template <int K>
+VT_INLINE bool blend_two(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
+    if (job.steps != 1 || job.linear.share || place + 8 >= last || (job.agree && !job.agree[f])) return false;
+    const float* table = job.table + f * job.rows * 8;
+    const int32_t* joint = bucket.joint + place / 8 * K;
+    near.learn(table, joint);
+    Dual a[2];
+    if (!near.knows(joint + K) || !near.template blend<2>(table, bucket.weight + place * K, a)) return false;
+    finish<K, true>(bucket, job, f, place, last, a[0]);
+    finish<K, true>(bucket, job, f, place + 8, last, a[1]);
     return true;
 }
 
@@ -355,6 +369,11 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
         int groups = 0;
         for (int64_t p = first; p < last; p += 8) {
             if (all_linear<K, U>(bucket, job, f, p, last)) continue;
+            if constexpr (U && K > 1 && K <= 4)
+                if (blend_two<K>(bucket, job, f, p, last, near)) {
+                    p += 8;
+                    continue;
+                }
             if constexpr (K <= 8)
                 if (blend_one<K, U>(bucket, job, f, p, last, near)) continue;
             place[groups++] = p;

@@ -154,7 +154,8 @@ class Deformer:
     ) -> Single:
         """Skinned points (F,V,3) float32 in humanoid space, for joint matrices (F,J,4,4); (V,3) for (J,4,4).
 
-        `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight. `out`
+        `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight; what a joint's
+        angle drives is added. `out`
         (F,V,3) float32 C-contiguous is filled and returned.
         Raises VitruvianError when shapes do not fit this body.
         """
@@ -165,7 +166,7 @@ class Deformer:
             require(not morphs, "morphs", "none: this body has no displacers", list(morphs or ()))
             self.operator.points(frames, target)
             return out
-        weights = self.morphs.weights(morphs, len(frames))
+        weights = self.morphs.weights(morphs, frames, self.body.skeleton.parents)
         early = None if self.morphs.before is None else shift(self.morphs.before, weights)
         if early is None:
             self.operator.points(frames, target)
