@@ -17,12 +17,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.bind import DUAL, Influences
 from vitruvian.deform.operators import Linear, Rigid, apply
 
 Single = NDArray[np.float32]
 SHARP = 2  # power of the weights that carry the centres: more follows the bone closer and loses more volume
+LEAST = 0.02  # what an influence counts for far from its bone
+SOFT = 1.0  # radii on each side of a joint over which centres change bones
 SMOOTH = 8  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
 
 
@@ -51,7 +54,8 @@ class Volume:
         """The centres on their bones."""
         rows = self.rigid.rows
         moving = rows.joint < rows.joints  # the influence that does not move is what linear weights lack to one
-        plain, sharp = np.where(moving, rows.weight, 0), np.where(moving, rows.weight**SHARP, 0)
+        near = _membership(self.rigid.body, rows, self.center)
+        plain, sharp = np.where(moving, rows.weight, 0), np.where(moving, rows.weight**SHARP * (near + LEAST), 0)
         add = lambda values: np.bincount(rows.vertex, values, minlength=len(rows))[rows.vertex]  # noqa: E731
         total = add(sharp)
         weight = sharp * add(plain) / np.where(total > 0, total, 1)
@@ -89,6 +93,47 @@ class Volume:
         out = np.empty((len(matrices), len(self.center), 3), np.float32)
         operator.points(matrices, out)
         return out
+
+
+def _membership(body: Body, rows: Influences, center: Floats) -> Floats:
+    """(n,) for each influence: how far the centre of its vertex lies past its joint and before the next ones, 0..1.
+
+    Skin weights say how a section turns; they may be far from one half at the joint, and differ round a section. Where
+    its centre belongs is told by the joints alone: from one radius before a joint to one after it.
+    """
+    skeleton = body.skeleton
+    centers, parents = skeleton.centers, skeleton.parents
+    count = len(skeleton)
+    way = np.zeros((count + 1, 3))  # along the limb at each joint
+    for j in range(count):
+        bones = [unit(centers[k] - centers[j]) for k in np.flatnonzero(parents == j)]
+        out = np.sum(bones, axis=0) if bones else np.zeros(3)
+        if parents[j] >= 0:
+            into = unit(centers[j] - centers[parents[j]])
+            out = into + (unit(out) if np.linalg.norm(out) > 1e-9 else into)
+        way[j] = unit(out) if np.linalg.norm(out) > 1e-9 else 0.0
+    key = rows.vertex.astype(np.int64) * (count + 1) + rows.joint
+    order = np.argsort(key)
+    above = np.full(len(key), -1, np.int64)  # the entry of the nearest joint up the tree that moves the vertex too
+    parent = np.append(parents, -1)
+    up = parent[rows.joint]
+    for _ in range(count):
+        seek = np.flatnonzero((above < 0) & (up >= 0))
+        if not len(seek):
+            break
+        wanted = rows.vertex[seek].astype(np.int64) * (count + 1) + up[seek]
+        at = np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)
+        hit = key[order[at]] == wanted
+        above[seek[hit]] = order[at[hit]]
+        up[seek] = parent[up[seek]]
+    radius = np.maximum(np.linalg.norm(body.skin.rest - center, axis=1), 1e-3)[rows.vertex] * SOFT
+    past = np.einsum("na,na->n", center[rows.vertex] - np.vstack([centers, centers[:1]])[rows.joint], way[rows.joint])
+    s = np.clip((past / radius + 1) / 2, 0.0, 1.0)
+    s = s * s * (3 - 2 * s)
+    has = np.flatnonzero(above >= 0)
+    before = np.ones(len(key))
+    np.multiply.at(before, above[has], 1 - s[has])
+    return np.where(above >= 0, s, 1.0) * before
 
 
 def _look_up(rows: Influences, vertex: Ints, joint: Ints) -> Floats:
