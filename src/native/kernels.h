@@ -22,7 +22,8 @@ struct Bucket {
 // What `rigid` mixes with linear blending, or hangs on it; tables of linear blending have one joint more, which rests.
 struct LinearShare {
     const float* table = nullptr;    // (frames, joints, 16), or null: nothing of the following is used
-    const float* share = nullptr;    // (frames, sets) of the rigid motion in the result, or null
+    const float* share = nullptr;    // (frames, sets) of the rigid motion in the result, or null; with centres, of the
+                                     // motion about them in a result that is else the rigid motion alone
     int64_t share_stride = 0;        // between frames
     const int32_t* set = nullptr;    // (groups, 8) the set of each vertex
     const float* center = nullptr;   // (groups, 3, 8) or null: the rigid motion only turns p about this point, which

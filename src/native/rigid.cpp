@@ -242,6 +242,15 @@ inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t
         move(turn, p, moved);
         blend_points<K, U>(table, joint, s.carry + place * K, center, carried);
         for (int i = 0; i < 3; ++i) moved[i] = moved[i] + carried[i];
+        if (s.share) {
+            const f8 t = shares(s, f, place);
+            if (any_below(t, 1.0f)) {
+                f8 other[3];
+                for (int i = 0; i < 3; ++i) p[i] = p[i] + center[i];
+                move(a, p, other);
+                for (int i = 0; i < 3; ++i) moved[i] = other[i] + t * (moved[i] - other[i]);
+            }
+        }
         return write_points(bucket.target, place, last, moved, out);
     }
     move(a, p, moved);
@@ -260,7 +269,7 @@ inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t
 template <int K, bool U>
 VT_INLINE bool all_linear(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last) {
     const LinearShare& s = job.linear;
-    if (!s.share) return false;
+    if (!s.share || s.center) return false;
     float v[8];
     store8(v, shares(s, f, place));
     for (int l = 0; l < 8; ++l)
@@ -341,7 +350,7 @@ VT_INLINE bool blend_one(const Bucket& bucket, const RigidJob& job, int64_t f, i
 // Two groups of the same joints by the short way, if it is open to both.
 template <int K>
 VT_INLINE bool blend_two(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
-    if (job.steps != 1 || job.linear.share || place + 8 >= last || (job.agree && !job.agree[f])) return false;
+    if (job.steps != 1 || (job.linear.share && !job.linear.center) || place + 8 >= last || (job.agree && !job.agree[f])) return false;
     const float* table = job.table + f * job.rows * 8;
     const int32_t* joint = bucket.joint + place / 8 * K;
     near.learn(table, joint);

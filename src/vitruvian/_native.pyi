@@ -39,7 +39,6 @@ def linear_lanes(
     out: Single,
     threads: int = 0,
 ) -> None: ...
-
 def linear(
     table: Single,
     rest: Single,

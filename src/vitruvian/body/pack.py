@@ -266,9 +266,7 @@ def _influence(joint: Joint, count: int) -> tuple[Ints, Floats]:
     return index.astype(np.int32), weight
 
 
-def _morph(
-    displacer: Displacer, where: str, count: int, joint: int, skeleton: Skeleton | None = None
-) -> Morph | None:
+def _morph(displacer: Displacer, where: str, count: int, joint: int, skeleton: Skeleton | None = None) -> Morph | None:
     """A displacer whose indices fit into `count` points; entries that do not fit are skipped, with a warning."""
     index = np.asarray(displacer.coord_index, dtype=np.int64).reshape(-1)
     offset = np.asarray(displacer.displacements, dtype=np.float64).reshape(-1, 3)

@@ -237,7 +237,7 @@ def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
             left.append(others)
             if len(together):
                 out.append(_lane_bucket(rows, rest, together, width, DUAL, shared=True))
-        if width >= 8 and sum(map(len, left)):
+        if width >= 8 and any(len(some) for some in left):
             mixed = np.sort(np.concatenate(left))
             need = next(w for w in WIDTHS if w >= int(rows.counts[mixed].max()))
             out.append(_lane_bucket(rows, rest, mixed, need, DUAL, shared=False))
@@ -255,7 +255,16 @@ def _lane_bucket(rows: Influences, rest: Floats, place: Ints, width: int, floats
     vertices = place[fill]
     shares = _lay(weight[fill].astype(np.float32), LANES)
     return Bucket(
-        width, LANES, count, vertices, _lay(rest[vertices].astype(np.float32), LANES), joint, shares, None, target, shared
+        width,
+        LANES,
+        count,
+        vertices,
+        _lay(rest[vertices].astype(np.float32), LANES),
+        joint,
+        shares,
+        None,
+        target,
+        shared,
     )
 
 

@@ -116,7 +116,8 @@ def _painted(name: str, body: Body, mix: ArrayLike | Mapping[str, ArrayLike], op
     """The operator `name` with painted shares of others, or painted over "linear"."""
     count = len(body.skin.rest)
     base, others = (name, mix) if isinstance(mix, Mapping) else ("linear", {name: mix})
-    parts, memories = [], []
+    parts: list[tuple[Operator, Floats]] = []
+    memories: list[Floats] = []
     total = np.zeros(count)
     for other, values in others.items():
         title = "mix" if base != name else f"mix[{other!r}]"

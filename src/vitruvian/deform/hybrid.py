@@ -40,9 +40,11 @@ def pairs_of(rows: Influences) -> Sets:
     order = np.argsort(owner, kind="stable")
     row = np.zeros(len(sets) + 1, np.int32)
     np.cumsum(np.bincount(owner, minlength=len(sets)), out=row[1:])
-    pair, group = (np.ascontiguousarray(a.reshape(-1), dtype=np.int32) for a in (pair.reshape(-1)[order], group))
+    flat = lambda a: np.ascontiguousarray(a.reshape(-1), dtype=np.int32)  # noqa: E731
     none = np.zeros(len(joints))
-    return Sets(np.ascontiguousarray(joints, dtype=np.int32), row, pair, group, none, none, False)
+    return Sets(
+        np.ascontiguousarray(joints, np.int32), row, flat(pair.reshape(-1)[order]), flat(group), none, none, False
+    )
 
 
 def radii(pairs: Sets, body: Body) -> Floats:
@@ -124,7 +126,7 @@ class Painted:
     @cached_property
     def kept(self) -> Floats:
         """(V,) the share of `base`."""
-        return 1 - sum(paint for _, paint in self.others)
+        return 1 - np.sum([paint for _, paint in self.others], axis=0)
 
     @cached_property
     def laid(self) -> tuple[Ints, list[dict[str, NDArray]]]:

@@ -37,9 +37,7 @@ class Morphs:
     after: tuple[Group, ...]
     drives: tuple[tuple[int, Drive], ...] = ()  # displacer, and what drives it
 
-    def weights(
-        self, given: Mapping[str, ArrayLike] | None, matrices: Floats, parents: Ints | None = None
-    ) -> Floats:
+    def weights(self, given: Mapping[str, ArrayLike] | None, matrices: Floats, parents: Ints | None = None) -> Floats:
         """(F,D) weights: those of the file, replaced where `given` names a displacer (a number or one per frame), plus
         what the angles of joints add for joint matrices (F,J,4,4) and parents (J,).
 

@@ -145,7 +145,13 @@ class Rigid:
         return [{"set": b.lay(group[:, None]).astype(np.int32)} for b in self.buckets]
 
     def faded(
-        self, matrices: Floats, out: Single, rest: Floats | None, share: Single, group: Ints, sets: list[dict[str, NDArray]]
+        self,
+        matrices: Floats,
+        out: Single,
+        rest: Floats | None,
+        share: Single,
+        group: Ints,
+        sets: list[dict[str, NDArray]],
     ) -> None:
         """`points` into out (F,V,3), or `frames` into out (F,V,3,4), mixed with linear blending.
 
@@ -188,6 +194,7 @@ class Rigid:
         if native is not None and native.deviation(matrices) <= RIGID:
             return matrices, None
         return factor(matrices, self.body.skeleton, self.used)
+
     def _run(
         self, rigid: Floats, out: Single, rest: Floats | None, more: list[dict[str, NDArray]] | None = None
     ) -> None:
