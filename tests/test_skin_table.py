@@ -104,15 +104,13 @@ def test_steps_of_a_chain_past_180_degrees():
 
     body = skins.cylinder(hats, 3)
     motions = np.stack([skins.turned(TWIST, a)[1] for a in (0, 120, 240)])
-    for name, low, high, volume in (
-        ("log", 0, 8, 0.9930),
-        ("log-absolute", -16, 8, None),
-        ("linear", None, None, 0.6231),
-    ):
+    volumes = {}
+    for name, low, high in (("log", 0, 8), ("log-pair", 0, 8), ("log-absolute", -16, 8), ("linear", None, None)):
         points = deformer(name, body)(motions).astype(float)
+        volumes[name] = skins.volume(body, points) / skins.volume(body, body.skin.rest)
         if low is not None:
             line = points[: skins.RINGS * skins.POINTS : skins.POINTS, :2]
             steps = np.degrees(np.diff(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))))
             assert (steps.min(), steps.max()) == pytest.approx((low, high), abs=0.01)
-        if volume is not None:
-            assert skins.volume(body, points) / skins.volume(body, body.skin.rest) == pytest.approx(volume, abs=1.01e-4)
+    assert volumes["log"] > 0.997
+    assert volumes["linear"] < 0.85
