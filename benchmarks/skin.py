@@ -52,8 +52,9 @@ def poses(body: Body, frames: int, angle: float = 0.25, seed: int = 1) -> np.nda
 TURN = 5  # runs in a row
 
 
-def interleaved(tasks: dict[str, Callable[[], object]], seconds: float) -> dict[str, float]:
-    """Median time of each task, the tasks taking turns of `TURN` runs, all timed, for about that long in all."""
+def interleaved(tasks: dict[str, Callable[[], object]], seconds: float, *, least: bool = False) -> dict[str, float]:
+    """Median time (or the least) of each task, the tasks taking turns of `TURN` runs, all timed, for about that long in
+    all. Ratios want medians; a goal in milliseconds the least, as whatever else the machine does only adds."""
     times: dict[str, list[float]] = {name: [] for name in tasks}
     for task in tasks.values():
         task()
@@ -64,7 +65,7 @@ def interleaved(tasks: dict[str, Callable[[], object]], seconds: float) -> dict[
                 start = time.perf_counter()
                 task()
                 times[name].append(time.perf_counter() - start)
-    return {name: float(np.median(t)) for name, t in times.items()}
+    return {name: float(np.min(t) if least else np.median(t)) for name, t in times.items()}
 
 
 class Usd:
@@ -205,10 +206,10 @@ def _person(seconds: float) -> list[dict[str, object]]:
     for name in ("linear", "log", "hybrid", "volume"):
         d = deformer(name, body)
         tasks[name] = lambda d=d: d.normals(d(matrices, out=result))  # type: ignore[misc]
-    t = interleaved(tasks, seconds)
+    t = interleaved(tasks, seconds, least=True)
     out = []
     for name, goal in (("linear", 0.25e-3), ("log", 0.4e-3), ("hybrid", None), ("volume", None)):
-        title = f"{name} with normals, person: {len(used)} vertices, {len(body.skeleton)} joints"
+        title = f"{name} with normals, least, person: {len(used)} vertices, {len(body.skeleton)} joints"
         ratio = t[name] / goal if goal else t[name] / t["linear"]
         peer, goal_text = (f"{goal * 1e3:g} ms", "<= 1") if goal else ("linear", "(for information)")
         out.append(row(title, t[name], peer, goal or t["linear"], ratio, goal_text, not goal or ratio <= 1))
