@@ -11,6 +11,8 @@ struct Dual {
 
 VT_INLINE f8 dot(const f8* a, const f8* b) { return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]); }
 
+// Joints of a group of eight vertices: K of them with U (all eight have the same), K times eight without.
+
 // The rows of eight vertices by columns; with U all eight have the row of the first.
 template <bool U>
 inline Dual gather(const float* table, const int32_t* index) {
@@ -32,7 +34,7 @@ inline Dual sum_rows(const float* table, const int32_t* joint, const float* weig
     if (U) {
         for (int k = 0; k < (K ? K : n); ++k) {
             const f8 w = load8(weight + k * 8);
-            const float* row = table + joint[k * 8];
+            const float* row = table + joint[k];
             for (int c = 0; c < 8; ++c) d.v[c] = k ? d.v[c] + w * row[c] : w * row[c];
         }
         return d;

@@ -6,17 +6,28 @@
 namespace vt {
 
 // Vertices with the same padded number of influences, put together at bind time. Plain layout (linear): a row per
-// vertex. Lane layout (rigid): groups of eight vertices, each value of the row as eight lanes.
+// vertex. Lane layout: groups of eight vertices, each value of the row as eight lanes.
 struct Bucket {
-    int influences;         // per vertex, padded with weight 0; 0 (linear only): rows of any length
+    int influences;         // per vertex, padded with weight 0; 0 (plain only): rows of any length
     int64_t count;          // vertices
     const float* rest;      // (count, 3) or (groups, 3, 8)
-    const int32_t* joint;   // (count, influences), (groups, influences, 8) or (row[count],): place of the joint in
-                            // the table, in floats; the largest weight first
-    const float* weight;    // as joint
+    const int32_t* joint;   // (count, influences), (row[count],), (groups, influences, 8), or when shared
+                            // (groups, influences): place of the joint in the table, in floats
+    const float* weight;    // (count, influences), (row[count],) or (groups, influences, 8)
     const int32_t* row;     // (count + 1,) when influences is 0
     const int32_t* target;  // (count,) output vertex of each, or null: vertex i is output i; a repeated one is padding
-    const uint8_t* uniform; // (groups,) whether the eight vertices of a group have the same joints; lane layout only
+    bool shared;            // lane layout: the eight vertices of a group have the same joints
+};
+
+// What `rigid` mixes with linear blending, or hangs on it; tables of linear blending have one joint more, which rests.
+struct LinearShare {
+    const float* table = nullptr;    // (frames, joints, 16), or null: nothing of the following is used
+    const float* share = nullptr;    // (frames, sets) of the rigid motion in the result, or null; with centres, of the
+                                     // motion about them in a result that is else the rigid motion alone
+    int64_t share_stride = 0;        // between frames
+    const int32_t* set = nullptr;    // (groups, 8) the set of each vertex
+    const float* center = nullptr;   // (groups, 3, 8) or null: the rigid motion only turns p about this point, which
+    const float* carry = nullptr;    // (groups, influences, 8) linear blending with these weights moves
 };
 
 // Rigid blending of `frames` frames into out (frames, vertices, 3), or (frames, vertices, 12) with `whole`.
@@ -30,7 +41,8 @@ struct RigidJob {
     const float* bases;      // (frames, base_rows, 8) dual quaternions, or null for none
     int64_t base_rows;
     const int32_t* base;     // (groups, 8) place in `bases` of each vertex
-    const float* mix;        // (frames, vertices) share of the result in out; null: all of it
+    LinearShare linear;      // not with twists
+    int64_t joints;          // of the table of linear blending
     float* out;
     bool whole;
 };
@@ -82,9 +94,12 @@ struct HandJob {
     void linear_table(int64_t count, const double* matrix, float* out);                                               \
     void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table, \
                 float* out, int64_t stride, bool whole);                                                              \
+    void linear_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints,             \
+                      const float* table, float* out, int64_t stride, bool whole);                                    \
     void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out);                    \
     void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job);                               \
-    void face_normals(int64_t first, int64_t last, const float* points, const int32_t* triangle, float* out);         \
+    void face_normals(int64_t first, int64_t last, int64_t count, const float* points, const int32_t* triangle,       \
+                      float* out);                                                                                    \
     void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \
                         const int32_t* point, float* out);                                                            \
     void contour_links(const double* matrix, const ContourProgram& program, bool follow, bool fresh, double* before,  \

@@ -5,6 +5,7 @@
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -60,6 +61,7 @@ struct Kernels {
     decltype(&vt::base::forward_kinematics) forward_kinematics;
     decltype(&vt::base::linear_table) linear_table;
     decltype(&vt::base::linear) linear;
+    decltype(&vt::base::linear_lanes) linear_lanes;
     decltype(&vt::base::touch) touch;
     decltype(&vt::base::rigid) rigid;
     decltype(&vt::base::face_normals) face_normals;
@@ -70,8 +72,8 @@ struct Kernels {
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
-        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch, vt::NS::rigid,               \
-            vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions,   \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes, vt::NS::touch,   \
+            vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions,   \
             vt::NS::hand                                                                                    \
     }
 
@@ -142,9 +144,15 @@ const int64_t kBlock = 512, kRun = 2048;
 int64_t blocks(int64_t count, int64_t block) { return (count + block - 1) / block; }
 int64_t stop(int64_t i, int64_t count, int64_t block) { return (i + 1) * block < count ? (i + 1) * block : count; }
 
-nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices) {
-    auto out = owned<float>({matrices.shape(0), matrices.shape(1), 16});
-    use.linear_table(int64_t(matrices.shape(0) * matrices.shape(1)), matrices.data(), out.data());
+// (F,J,16), or with `still` (F,J+1,16), the last of which does not move.
+nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices, bool still) {
+    const size_t frames = matrices.shape(0), joints = matrices.shape(1), rows = joints + (still ? 1 : 0);
+    auto out = owned<float>({frames, rows, 16});
+    for (size_t f = 0; f < frames; ++f) {
+        float* o = out.data() + f * rows * 16;
+        use.linear_table(int64_t(joints), matrices.data() + f * joints * 16, o);
+        if (still) std::fill(o + joints * 16, o + rows * 16, 0.0f);
+    }
     return out;
 }
 
@@ -158,7 +166,7 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     check(joint.size() == weight.size() && int64_t(rest.size()) >= count * 3, "bucket does not fit together");
     check(int64_t(joint.size()) >= count * influences && (influences > 0) == !row, "bucket does not fit together");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), nullptr};
+    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), false};
     const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
     const int64_t stride = int64_t(out.shape(1) * out.shape(2));
     const bool whole = out.shape(2) == 12;
@@ -169,10 +177,28 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     });
 }
 
+// The same for a bucket in lanes.
+void linear_lanes(Array<float, 3> table, Array<float, 3> rest, Array<int32_t, 2> joint, Array<float, 3> weight,
+                  std::optional<Array<int32_t, 1>> target, int64_t count, Output<float, 3> out, int threads) {
+    const size_t groups = size_t(count + 7) / 8, width = joint.shape(1);
+    check(rest.shape(0) == groups && joint.shape(0) == groups && weight.shape(0) == groups, "bucket does not fit together");
+    check(weight.shape(1) == width && weight.shape(2) == 8 && rest.shape(2) == 8, "bucket does not fit together");
+    check(width == 1 || width == 2 || width == 4 || width == 8, "no kernel so wide");
+    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
+    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), true};
+    const int64_t frames = int64_t(table.shape(0)), stride = int64_t(out.shape(1) * out.shape(2));
+    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
+    const int64_t block = frames > 1 ? kBlock : kRun;
+    each(blocks(count, block), workers, [&](int64_t i) {
+        use.linear_lanes(bucket, i * block, stop(i, count, block), frames, int64_t(table.shape(1)), table.data(),
+                         out.data(), stride, out.shape(2) == 12);
+    });
+}
+
 void touch(std::optional<Array<float, 2>> table, AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
     const int64_t count = int64_t(joint.shape(0));
     check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
-    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, nullptr};
+    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, false};
     each(blocks(count, kRun), vt::threads_for(count, threads),
          [&](int64_t i) { use.touch(bucket, i * kRun, stop(i, count, kRun), data(table), out.data()); });
 }
@@ -181,31 +207,87 @@ double deviation(Array<double, 4> matrices) {
     return vt::deviation(int64_t(matrices.shape(0) * matrices.shape(1)), matrices.data());
 }
 
-nb::tuple dual_table(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<int32_t, 2> left, bool follow) {
-    const size_t frames = matrices.shape(0), joints = matrices.shape(1);
-    auto out = owned<float>({frames, joints + 1, 8});
-    auto agree = owned<uint8_t>({frames});
-    std::vector<double> scratch(4 * (joints + 1) + 8 * tree.shape(0));
-    vt::dual_table(int64_t(frames), int64_t(joints), matrices.data(), int64_t(tree.shape(0)), tree.data(),
-                   int64_t(left.shape(0)), left.data(), follow, out.data(), agree.data(), scratch.data());
+using Memory = std::optional<Output<double, 2>>;
+
+vt::MotionJob motion_job(const Array<double, 4>& matrices, const Array<int32_t, 2>& tree, const Array<int32_t, 2>& left,
+                         bool follow, const Memory& memory, const Array<int32_t, 2>& pairs) {
+    check(!memory || (memory->shape(0) == tree.shape(0) && memory->shape(1) == 4), "memory does not fit");
+    check(tree.shape(1) == 2 && left.shape(1) == 2 && pairs.shape(1) == 2, "expected pairs of joints");
+    vt::MotionJob job{};
+    job.frames = int64_t(matrices.shape(0));
+    job.joints = int64_t(matrices.shape(1));
+    job.edges = int64_t(tree.shape(0));
+    job.lefts = int64_t(left.shape(0));
+    job.pairs = int64_t(pairs.shape(0));
+    job.matrix = matrices.data();
+    job.tree = tree.data();
+    job.left = left.data();
+    job.pair = pairs.data();
+    job.follow = follow;
+    job.memory = memory ? memory->data() : nullptr;
+    return job;
+}
+
+nb::tuple dual_table(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<int32_t, 2> left, bool follow,
+                     Memory memory) {
+    vt::MotionJob job = motion_job(matrices, tree, left, follow, memory, left);
+    auto out = owned<float>({matrices.shape(0), matrices.shape(1) + 1, 8});
+    auto agree = owned<uint8_t>({matrices.shape(0)});
+    job.pairs = 0;
+    job.dual = out.data();
+    job.agree = agree.data();
+    std::vector<double> scratch(size_t(vt::motion_scratch(job)));
+    vt::motion_tables(job, scratch.data());
     return nb::make_tuple(out, agree);
 }
 
-// out (F,V,3) points or (F,V,12) transforms; `steps` -1 means that the table holds half twists.
+// Half twists (F,P,8) of pairs, and the dual quaternions (F,J+1,8).
+nb::tuple twist_table(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<int32_t, 2> left, bool follow,
+                      Memory memory, Array<int32_t, 2> pairs) {
+    vt::MotionJob job = motion_job(matrices, tree, left, follow, memory, pairs);
+    auto dual = owned<float>({matrices.shape(0), matrices.shape(1) + 1, 8});
+    auto out = owned<float>({matrices.shape(0), pairs.shape(0), 8});
+    job.dual = dual.data();
+    job.twist = out.data();
+    std::vector<double> scratch(size_t(vt::motion_scratch(job)));
+    vt::motion_tables(job, scratch.data());
+    return nb::make_tuple(out, dual);
+}
+
+nb::ndarray<nb::numpy, float> turn_shares(Array<double, 4> matrices, Array<int32_t, 2> tree, Array<int32_t, 2> left,
+                                          bool follow, Memory memory, Array<int32_t, 2> pairs, Array<double, 1> low,
+                                          Array<double, 1> high, bool hard, Array<int32_t, 1> row,
+                                          Array<int32_t, 1> member) {
+    const vt::MotionJob job = motion_job(matrices, tree, left, follow, memory, pairs);
+    check(low.shape(0) == pairs.shape(0) && high.shape(0) == pairs.shape(0), "limits do not fit");
+    const size_t sets = row.shape(0) - 1;
+    auto out = owned<float>({matrices.shape(0), sets});
+    std::vector<double> scratch(size_t(vt::motion_scratch(job)));
+    vt::turn_shares(job, low.data(), high.data(), hard, int64_t(sets), row.data(), member.data(), scratch.data(),
+                    out.data());
+    return out;
+}
+
+// out (F,V,3) points or (F,V,12) transforms; `steps` -1 means that the table holds half twists. `linear` (F,J+1,16) with
+// `share` (F or 1, S) and `set` (8 G) fades from linear blending; with `center` and `carry` it moves centres.
 void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
            std::optional<Array<float, 3>> bases, std::optional<AnyArray<int32_t>> base, Array<float, 3> rest,
-           Array<int32_t, 3> joint, Array<float, 3> weight, Array<uint8_t, 1> uniform,
-           std::optional<Array<int32_t, 1>> target, int64_t count, std::optional<Array<float, 2>> mix, Output<float, 3> out, int threads) {
-    const size_t groups = size_t(count + 7) / 8;
-    check(rest.shape(0) == groups && joint.shape(0) == groups && joint.shape(2) == 8, "bucket does not fit together");
-    check(joint.size() == weight.size() && (!base || base->size() == groups * 8), "bucket does not fit together");
-    check(uniform.size() == groups, "bucket does not fit together");
-    const size_t width = joint.shape(1);
+           AnyArray<int32_t> joint, Array<float, 3> weight, std::optional<Array<int32_t, 1>> target, int64_t count,
+           Output<float, 3> out, std::optional<Array<float, 3>> linear, std::optional<Array<float, 2>> share,
+           std::optional<AnyArray<int32_t>> set, std::optional<Array<float, 3>> center,
+           std::optional<Array<float, 3>> carry, int threads) {
+    const size_t groups = size_t(count + 7) / 8, width = weight.shape(1);
+    const bool shared = joint.ndim() == 2;
+    check(rest.shape(0) == groups && weight.shape(0) == groups && weight.shape(2) == 8, "bucket does not fit together");
+    check(joint.size() == groups * width * (shared ? 1 : 8), "bucket does not fit together");
+    check(!base || base->size() == groups * 8, "base does not fit");
     check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    check(!mix || (mix->shape(0) == out.shape(0) && mix->shape(1) == out.shape(1)), "mix does not fit");
-    const vt::Bucket bucket{int(joint.shape(1)), count, rest.data(), joint.data(), weight.data(), nullptr, data(target),
-                            uniform.data()};
+    check(!linear || (linear->shape(0) == table.shape(0) && steps >= 0), "linear does not fit");
+    check(!share || (linear && set && set->size() == groups * 8), "share does not fit");
+    check(!share || share->shape(0) == 1 || share->shape(0) == table.shape(0), "share does not fit");
+    check(!center || (linear && carry && center->shape(0) == groups && carry->size() == weight.size()), "center does not fit");
+    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), shared};
     vt::RigidJob job{};
     job.frames = int64_t(out.shape(0));
     job.vertices = int64_t(out.shape(1));
@@ -217,7 +299,13 @@ void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> ag
     job.bases = data(bases);
     job.base_rows = bases ? int64_t(bases->shape(1)) : 0;
     job.base = data(base);
-    job.mix = data(mix);
+    job.linear.table = data(linear);
+    job.linear.share = data(share);
+    job.linear.share_stride = share && share->shape(0) > 1 ? int64_t(share->shape(1)) : 0;
+    job.linear.set = data(set);
+    job.linear.center = data(center);
+    job.linear.carry = data(carry);
+    job.joints = linear ? int64_t(linear->shape(1)) : 0;
     job.out = out.data();
     job.whole = out.shape(2) == 12;
     const int workers = vt::threads_for(count * (job.frames < 4 ? job.frames : 4), threads);
@@ -232,16 +320,16 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
     const int64_t frames = int64_t(points.shape(0)), vertices = int64_t(points.shape(1));
     const int64_t count = int64_t(triangles.shape(0));
     check(out.shape(0) == points.shape(0) && out.shape(1) == points.shape(1), "out does not fit");
-    std::vector<float> faces(size_t(count) * 3);
-    const int workers = vt::threads_for(vertices, threads);
+    std::unique_ptr<float[]> faces(new float[size_t(count) * 4]);
+    const int workers = vt::threads_for(vertices * 3, threads);  // a vertex costs more here than in skinning
     for (int64_t f = 0; f < frames; ++f) {
         const float* p = points.data() + f * vertices * 3;
         float* o = out.data() + f * vertices * 3;
         each(blocks(count, kRun), workers, [&](int64_t i) {
-            use.face_normals(i * kRun, stop(i, count, kRun), p, triangles.data(), faces.data());
+            use.face_normals(i * kRun, stop(i, count, kRun), vertices, p, triangles.data(), faces.get());
         });
         each(blocks(vertices, kRun), workers, [&](int64_t i) {
-            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.data(), row.data(), face.data(), point.data(), o);
+            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.get(), row.data(), face.data(), point.data(), o);
         });
     }
 }
@@ -314,17 +402,27 @@ NB_MODULE(_native, m) {
     m.def("forward_kinematics", &forward_kinematics, nb::arg("parent"), nb::arg("center"), nb::arg("rotation"),
           nb::arg("translation"), nb::arg("root").none(), nb::arg("stretch").none(), nb::arg("binding").none(),
           nb::arg("out"), nb::arg("threads") = 0);
-    m.def("linear_table", &linear_table, nb::arg("matrices"));
+    m.def("linear_table", &linear_table, nb::arg("matrices"), nb::arg("still") = false);
     m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
           nb::arg("threads") = 0);
+    m.def("linear_lanes", &linear_lanes, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
+          nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
           nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));
-    m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"));
+    m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"),
+          nb::arg("memory") = nb::none());
+    m.def("twist_table", &twist_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"),
+          nb::arg("memory").none(), nb::arg("pairs"));
+    m.def("turn_shares", &turn_shares, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"),
+          nb::arg("memory").none(), nb::arg("pairs"), nb::arg("low"), nb::arg("high"), nb::arg("hard"), nb::arg("row"),
+          nb::arg("member"));
     m.def("rigid", &rigid, nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(), nb::arg("bases").none(),
-          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("uniform"),
-          nb::arg("target").none(), nb::arg("count"), nb::arg("mix").none(), nb::arg("out"), nb::arg("threads") = 0);
+          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("target").none(),
+          nb::arg("count"), nb::arg("out"), nb::arg("linear") = nb::none(), nb::arg("share") = nb::none(),
+          nb::arg("set") = nb::none(), nb::arg("center") = nb::none(), nb::arg("carry") = nb::none(),
+          nb::arg("threads") = 0);
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("contour_motions", &contour_motions, nb::arg("matrices"), nb::arg("center"), nb::arg("link"),

@@ -24,12 +24,10 @@ struct Near {
     float apart[K][K], slide[K][K];
 
     void learn(const float* table, const int32_t* index) {
-        bool same = known;
-        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k * 8];
-        if (same) return;
+        if (knows(index)) return;
         known = true;
         worst = 0;
-        for (int k = 0; k < K; ++k) joint[k] = index[k * 8];
+        for (int k = 0; k < K; ++k) joint[k] = index[k];
         for (int j = 0; j < K; ++j)
             for (int k = j + 1; k < K; ++k) {
                 const float *p = table + joint[j], *q = table + joint[k];
@@ -44,43 +42,70 @@ struct Near {
             }
     }
 
-    // The blend of one group of eight vertices, not normalised; false where the joints are too far apart.
-    VT_INLINE bool blend(const float* table, const float* weight, Dual& out) const {
-        f8 w[K], y[K], z[K];
-        VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
-        f8 e = all(0.0f), u = e, e_dual = e, u_dual = e;
+    bool knows(const int32_t* index) const {
+        bool same = known;
+        for (int k = 0; k < K; ++k) same = same && joint[k] == index[k];
+        return same;
+    }
+
+    // The blends of G groups of eight vertices that stand one after the other, not normalised; false where the joints are
+    // too far apart. Two groups at once take little longer than one: each is one long chain of arithmetic.
+    template <int G>
+    VT_INLINE bool blend(const float* table, const float* weight, Dual* out) const {
+        f8 w[K][G], y[K][G], z[K][G], e[G], u[G], e_dual[G], u_dual[G];
+        VT_UNROLL for (int k = 0; k < K; ++k)
+            VT_UNROLL for (int g = 0; g < G; ++g) w[k][g] = load8(weight + (g * K + k) * 8);
         VT_UNROLL for (int k = 0; k < K; ++k) {
             const int first = k == 0;
-            y[k] = w[first] * apart[first][k];
-            z[k] = w[first] * slide[first][k];
+            VT_UNROLL for (int g = 0; g < G; ++g) {
+                y[k][g] = w[first][g] * apart[first][k];
+                z[k][g] = w[first][g] * slide[first][k];
+            }
             VT_UNROLL for (int j = first + 1; j < K; ++j) {
                 if (j == k) continue;
-                y[k] += w[j] * apart[j][k];
-                z[k] += w[j] * slide[j][k];
+                VT_UNROLL for (int g = 0; g < G; ++g) {
+                    y[k][g] += w[j][g] * apart[j][k];
+                    z[k][g] += w[j][g] * slide[j][k];
+                }
             }
-            const f8 wy = w[k] * y[k];
-            e += wy;
-            e_dual += w[k] * z[k];
-            u += wy * y[k];
-            u_dual += wy * z[k];
+            VT_UNROLL for (int g = 0; g < G; ++g) {
+                const f8 wy = w[k][g] * y[k][g];
+                e[g] = k ? e[g] + wy : wy;
+                e_dual[g] = k ? e_dual[g] + w[k][g] * z[k][g] : w[k][g] * z[k][g];
+                u[g] = k ? u[g] + wy * y[k][g] : wy * y[k][g];
+                u_dual[g] = k ? u_dual[g] + wy * z[k][g] : wy * z[k][g];
+            }
         }
         if (!(worst < kNear)) {
-            f8 room = kNear - y[0];
-            VT_UNROLL for (int k = 1; k < K; ++k) room = where_negative(kNear - y[k] - room, kNear - y[k], room);
-            if (any_below(room, 0.0f)) return false;
-        }
-        const f8 one = 0.333341f - 0.020767f * e - 0.084749f * u, two = 0.132107f + 0.029262f * e;
-        const f8 one_dual = -0.020767f * e_dual - (2 * 0.084749f) * u_dual, two_dual = 0.029262f * e_dual;
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            const f8 wy = w[k] * y[k];
-            const f8 real = w[k] + wy * (one + y[k] * (two + y[k] * 0.068089f));
-            const f8 slope = one + y[k] * (2.0f * two + y[k] * (3 * 0.068089f));
-            const f8 dual = w[k] * z[k] * slope + wy * (one_dual + y[k] * two_dual);
-            const float* row = table + joint[k];
-            for (int c = 0; c < 4; ++c) {
-                out.v[c] = k ? out.v[c] + real * row[c] : real * row[c];
-                out.v[4 + c] = (k ? out.v[4 + c] + real * row[4 + c] : real * row[4 + c]) + dual * row[c];
+            for (int g = 0; g < G; ++g) {
+                f8 room = kNear - y[0][g];
+                VT_UNROLL for (int k = 1; k < K; ++k)
+                    room = where_negative(kNear - y[k][g] - room, kNear - y[k][g], room);
+                if (any_below(room, 0.0f)) return false;
             }
+        }
+        f8 one[G], two[G], one_dual[G], two_dual[G];
+        VT_UNROLL for (int g = 0; g < G; ++g) {
+            one[g] = 0.333341f - 0.020767f * e[g] - 0.084749f * u[g];
+            two[g] = 0.132107f + 0.029262f * e[g];
+            one_dual[g] = -0.020767f * e_dual[g] - (2 * 0.084749f) * u_dual[g];
+            two_dual[g] = 0.029262f * e_dual[g];
+        }
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            f8 real[G], dual[G];
+            VT_UNROLL for (int g = 0; g < G; ++g) {
+                const f8 v = y[k][g], wy = w[k][g] * v;
+                real[g] = w[k][g] + wy * (one[g] + v * (two[g] + v * 0.068089f));
+                const f8 slope = one[g] + v * (2.0f * two[g] + v * (3 * 0.068089f));
+                dual[g] = w[k][g] * z[k][g] * slope + wy * (one_dual[g] + v * two_dual[g]);
+            }
+            const float* row = table + joint[k];
+            VT_UNROLL for (int c = 0; c < 4; ++c)
+                VT_UNROLL for (int g = 0; g < G; ++g) {
+                    f8 *o = out[g].v, turned = real[g] * row[c], moved = real[g] * row[4 + c] + dual[g] * row[c];
+                    o[c] = k ? o[c] + turned : turned;
+                    o[4 + c] = k ? o[4 + c] + moved : moved;
+                }
         }
         return true;
     }

@@ -8,6 +8,7 @@
 // sqrt(n), all dual numbers. No trigonometry, no product of quaternions.
 #include "dual.h"
 #include "kernels.h"
+#include "matrices.h"
 #include "near.h"
 
 namespace vt::VT_NS {
@@ -15,6 +16,7 @@ namespace vt::VT_NS {
 namespace {
 
 // Where the real part has no length, the motion of the joint with the largest weight.
+template <bool U>
 inline void mend(Dual& b, const float* table, const int32_t* joint, const float* weight, int n) {
     const f8 length = dot(b.v, b.v);
     if (!any_below(length, 1e-14f)) return;
@@ -26,7 +28,7 @@ inline void mend(Dual& b, const float* table, const int32_t* joint, const float*
         int best = 0;
         for (int k = 1; k < n; ++k)
             if (weight[k * 8 + l] > weight[best * 8 + l]) best = k;
-        for (int c = 0; c < 8; ++c) v[c][l] = table[joint[best * 8 + l] + c];
+        for (int c = 0; c < 8; ++c) v[c][l] = table[(U ? joint[best] : joint[best * 8 + l]) + c];
     }
     for (int c = 0; c < 8; ++c) b.v[c] = load8(v[c]);
 }
@@ -43,60 +45,58 @@ inline void perpendicular(Dual& b) {
 }
 
 // Signs against the joint with the largest weight, the first of equals: sign[k] is 1 or -1.
+template <bool U>
 inline void choose_signs(const float* table, const int32_t* joint, const float* weight, int n, f8* sign) {
-    Dual best = gather<false>(table, joint);
+    const int step = U ? 1 : 8;
+    Dual best = gather<U>(table, joint);
     f8 most = load8(weight);
     for (int k = 1; k < n; ++k) {
         const f8 w = load8(weight + k * 8), less = most - w;
-        const Dual q = gather<false>(table, joint + k * 8);
+        const Dual q = gather<U>(table, joint + k * step);
         for (int c = 0; c < 4; ++c) best.v[c] = where_negative(less, q.v[c], best.v[c]);
         most = where_negative(less, w, most);
     }
     for (int k = 0; k < n; ++k)
-        sign[k] = where_negative(dot(gather<false>(table, joint + k * 8).v, best.v), all(-1.0f), all(1.0f));
+        sign[k] = where_negative(dot(gather<U>(table, joint + k * step).v, best.v), all(-1.0f), all(1.0f));
 }
 
 const int kBatch = 4;  // groups that go through each phase before the next one: their chains of arithmetic overlap
 
 // What is worked out about one group of eight vertices. Phases are short so that everything stays in registers.
-template <int K>
+template <int K, bool U>
 struct Work {
     const int32_t* joint;
     const float* weight;
     static constexpr int n = K;
-    bool uniform;
     Dual a, b;
     f8 real[K], dual[K];  // weights of the second blend: w f and w f' c'
     f8 sign[K];
-    Dual kept[K];         // gathered influences; those of uniform groups are read from the table again
+    Dual kept[U ? 1 : K]; // gathered influences; those of shared joints are read from the table again
 
-    template <bool U>
     Dual influence(const float* table, int k) const {
-        return U ? gather<true>(table, joint + k * 8) : kept[k];
+        return U ? gather<true>(table, joint + k) : kept[U ? 0 : k];
     }
 
     // The sum of weight times dual quaternion.
-    template <bool U>
     void blend(const float* table, bool flip, bool keep) {
-        if (flip) choose_signs(table, joint, weight, n, sign);
+        if (flip) choose_signs<U>(table, joint, weight, n, sign);
         if (!U && keep)
-            for (int k = 0; k < n; ++k) kept[k] = gather<false>(table, joint + k * 8);
+            for (int k = 0; k < n; ++k) kept[U ? 0 : k] = gather<false>(table, joint + k * 8);
         if (!flip && (U || !keep)) {
             a = sum_rows<K, U>(table, joint, weight, n);
             return;
         }
         for (int k = 0; k < n; ++k) {
-            const Dual q = U || keep ? influence<U>(table, k) : gather<false>(table, joint + k * 8);
+            const Dual q = U || keep ? influence(table, k) : gather<false>(table, joint + k * 8);
             const f8 w = flip ? load8(weight + k * 8) * sign[k] : load8(weight + k * 8);
             for (int c = 0; c < 8; ++c) a.v[c] = k ? a.v[c] + w * q.v[c] : w * q.v[c];
         }
     }
 
     // Weights of the second blend.
-    template <bool U>
     void compare(const float* table, bool flip) {
         VT_UNROLL for (int k = 0; k < n; ++k) {
-            const Dual q = influence<U>(table, k);
+            const Dual q = influence(table, k);
             f8 w = load8(weight + k * 8), c = dot(a.v, q.v), c_dual = dot(a.v, q.v + 4) + dot(a.v + 4, q.v);
             if (flip) {
                 c = c * sign[k];
@@ -110,11 +110,10 @@ struct Work {
         }
     }
 
-    template <bool U>
     void blend_again(const float* table) {
         Dual s;
         VT_UNROLL for (int k = 0; k < n; ++k) {
-            const Dual q = influence<U>(table, k);
+            const Dual q = influence(table, k);
             for (int c = 0; c < 4; ++c) s.v[c] = k ? s.v[c] + real[k] * q.v[c] : real[k] * q.v[c];
             for (int c = 0; c < 4; ++c) {
                 const f8 term = k ? s.v[4 + c] + real[k] * q.v[4 + c] : real[k] * q.v[4 + c];
@@ -177,33 +176,10 @@ inline Dual blend_twists(const float* table, const int32_t* index, const float* 
     return out;
 }
 
-inline void write(const Bucket& bucket, int64_t place, int64_t last, const f8 moved[3], const float* mix, float* out) {
-    const int64_t count = last - place < 8 ? last - place : 8;
-    float v[3][8];
-    if (mix) {
-        for (int c = 0; c < 3; ++c) store8(v[c], moved[c]);
-        for (int64_t l = 0; l < count; ++l) {
-            const int64_t t = bucket.target ? bucket.target[place + l] : place + l;
-            if (l && bucket.target && t == bucket.target[place + l - 1]) continue;  // padding
-            for (int c = 0; c < 3; ++c) out[3 * t + c] += mix[t] * (v[c][l] - out[3 * t + c]);
-        }
-        return;
-    }
-    float xy[8][2];
-    interleave(moved[0], moved[1], xy[0]);
-    store8(v[2], moved[2]);
-    for (int64_t l = 0; l < count; ++l) {
-        float* o = out + 3 * (bucket.target ? bucket.target[place + l] : place + l);
-        memcpy(o, xy[l], 8);
-        o[2] = v[2][l];
-    }
-}
-
 // p' = p + 2 (u x (u x p + w p + e_v) + w e_v - e_w u), u and w the vector and scalar of the real part, e the dual part;
 // for any length of the real part, and whatever multiple of it the dual part contains.
-VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
+VT_INLINE void move(const Dual& a, const f8 p[3], f8 out[3]) {
     const f8 *u = a.v, w = a.v[3], *e = a.v + 4, ew = a.v[7], two = 2.0f / dot(a.v, a.v);
-    const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
     f8 c[3];
     for (int i = 0; i < 3; ++i) {
         const int j = i == 2 ? 0 : i + 1, k = i == 0 ? 2 : i - 1;
@@ -215,140 +191,213 @@ VT_INLINE void move(const Dual& a, const float* rest, f8 out[3]) {
     }
 }
 
-inline void write_frames(const Bucket& bucket, int64_t place, int64_t last, const Dual& a, float* out) {
+inline void frame(const Dual& a, f8 m[12]) {
     const f8 x = a.v[0], y = a.v[1], z = a.v[2], w = a.v[3], ex = a.v[4], ey = a.v[5], ez = a.v[6], ew = a.v[7];
     const f8 two = 2.0f / dot(a.v, a.v);
-    const f8 m[12] = {1.0f - two * (y * y + z * z), two * (x * y - z * w), two * (x * z + y * w),
-                      two * (w * ex - ew * x + y * ez - z * ey),
-                      two * (x * y + z * w), 1.0f - two * (x * x + z * z), two * (y * z - x * w),
-                      two * (w * ey - ew * y + z * ex - x * ez),
-                      two * (x * z - y * w), two * (y * z + x * w), 1.0f - two * (x * x + y * y),
-                      two * (w * ez - ew * z + x * ey - y * ex)};
-    float v[12][8];
-    for (int c = 0; c < 12; ++c) store8(v[c], m[c]);
-    for (int64_t l = 0; l < 8 && place + l < last; ++l) {
-        float* o = out + 12 * (bucket.target ? bucket.target[place + l] : place + l);
-        for (int c = 0; c < 12; ++c) o[c] = v[c][l];
-    }
+    const f8 rows[12] = {1.0f - two * (y * y + z * z), two * (x * y - z * w), two * (x * z + y * w),
+                         two * (w * ex - ew * x + y * ez - z * ey),
+                         two * (x * y + z * w), 1.0f - two * (x * x + z * z), two * (y * z - x * w),
+                         two * (w * ey - ew * y + z * ex - x * ez),
+                         two * (x * z - y * w), two * (y * z + x * w), 1.0f - two * (x * x + y * y),
+                         two * (w * ez - ew * z + x * ey - y * ex)};
+    for (int c = 0; c < 12; ++c) m[c] = rows[c];
 }
 
-// Whether nothing of this group is wanted.
-inline bool unwanted(const Bucket& bucket, int64_t place, int64_t last, const float* mix) {
-    for (int64_t l = 0; l < 8 && place + l < last; ++l)
-        if (mix[bucket.target ? bucket.target[place + l] : place + l] != 0.0f) return false;
+// How much of the rigid motion each of eight vertices gets.
+VT_INLINE f8 shares(const LinearShare& s, int64_t f, int64_t place) {
+    const float* share = s.share + f * s.share_stride;
+    float v[8];
+    for (int l = 0; l < 8; ++l) v[l] = share[s.set[place + l]];
+    return load8(v);
+}
+
+// Stores one group, given its blended motion.
+template <int K, bool U>
+inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, const Dual& a) {
+    float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
+    const LinearShare& s = job.linear;
+    const float* table = s.table ? s.table + f * job.joints * 16 : nullptr;
+    const int32_t* joint = bucket.joint + (U ? place / 8 : place) * K;
+    const float* weight = bucket.weight + place * K;
+    const float* rest = bucket.rest + place * 3;
+    f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+    if (job.whole) {
+        f8 m[12];
+        frame(a, m);
+        if (table && s.share) {
+            const f8 t = shares(s, f, place);
+            f8 other[12];
+            blend_matrices<K, U>(table, joint, weight, other);
+            for (int c = 0; c < 12; ++c) m[c] = other[c] + t * (m[c] - other[c]);
+        }
+        return write_frames(bucket.target, place, last, m, out);
+    }
+    f8 moved[3];
+    if (table && s.center) {
+        const float* c = s.center + place * 3;
+        f8 center[3] = {load8(c), load8(c + 8), load8(c + 16)}, carried[3];
+        for (int i = 0; i < 3; ++i) p[i] = p[i] - center[i];
+        Dual turn = a;
+        for (int i = 4; i < 8; ++i) turn.v[i] = all(0.0f);
+        move(turn, p, moved);
+        blend_points<K, U>(table, joint, s.carry + place * K, center, carried);
+        for (int i = 0; i < 3; ++i) moved[i] = moved[i] + carried[i];
+        if (s.share) {
+            const f8 t = shares(s, f, place);
+            if (any_below(t, 1.0f)) {
+                f8 other[3];
+                for (int i = 0; i < 3; ++i) p[i] = p[i] + center[i];
+                move(a, p, other);
+                for (int i = 0; i < 3; ++i) moved[i] = other[i] + t * (moved[i] - other[i]);
+            }
+        }
+        return write_points(bucket.target, place, last, moved, out);
+    }
+    move(a, p, moved);
+    if (table && s.share) {
+        const f8 t = shares(s, f, place);
+        if (any_below(t, 1.0f)) {
+            f8 other[3];
+            blend_points<K, U>(table, joint, weight, p, other);
+            for (int i = 0; i < 3; ++i) moved[i] = other[i] + t * (moved[i] - other[i]);
+        }
+    }
+    write_points(bucket.target, place, last, moved, out);
+}
+
+// Stores one group by linear blending if none of it is to move otherwise.
+template <int K, bool U>
+VT_INLINE bool all_linear(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last) {
+    const LinearShare& s = job.linear;
+    if (!s.share || s.center) return false;
+    float v[8];
+    store8(v, shares(s, f, place));
+    for (int l = 0; l < 8; ++l)
+        if (v[l] != 0.0f) return false;
+    const float* table = s.table + f * job.joints * 16;
+    const int32_t* joint = bucket.joint + (U ? place / 8 : place) * K;
+    float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
+    if (job.whole) {
+        f8 m[12];
+        blend_matrices<K, U>(table, joint, bucket.weight + place * K, m);
+        write_frames(bucket.target, place, last, m, out);
+    } else {
+        const float* rest = bucket.rest + place * 3;
+        const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+        f8 moved[3];
+        blend_points<K, U>(table, joint, bucket.weight + place * K, p, moved);
+        write_points(bucket.target, place, last, moved, out);
+    }
     return true;
 }
 
-inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, const Dual& a) {
-    float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
-    if (job.whole) return write_frames(bucket, place, last, a, out);
-    f8 moved[3];
-    move(a, bucket.rest + place * 3, moved);
-    write(bucket, place, last, moved, job.mix ? job.mix + f * job.vertices : nullptr, out);
-}
-
 // Up to kBatch groups, whose first vertices are `place`, in frame f.
-template <int K>
+template <int K, bool U>
 void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
     const float* table = job.table + f * job.rows * 8;
     const bool flip = job.agree && !job.agree[f];
     const int steps = K == 1 ? 0 : job.steps;
-    Work<K> work[kBatch];
+    Work<K, U> work[kBatch];
     for (int g = 0; g < groups; ++g) {
-        Work<K>& w = work[g];
-        w.joint = bucket.joint + place[g] * K;
+        Work<K, U>& w = work[g];
+        w.joint = bucket.joint + (U ? place[g] / 8 : place[g]) * K;
         w.weight = bucket.weight + place[g] * K;
-        w.uniform = bucket.uniform[place[g] / 8];
-        if (w.uniform)
-            w.template blend<true>(table, flip, steps > 0);
-        else
-            w.template blend<false>(table, flip, steps > 0);
+        w.blend(table, flip, steps > 0);
     }
-    for (int g = 0; g < groups; ++g) mend(work[g].a, table, work[g].joint, work[g].weight, K);
+    for (int g = 0; g < groups; ++g) mend<U>(work[g].a, table, work[g].joint, work[g].weight, K);
     for (int step = 0; step < steps; ++step) {
         for (int g = 0; g < groups; ++g) {
             if (step == 0) {
                 normalise(work[g].a);
                 perpendicular(work[g].a);
             }
-            if (work[g].uniform)
-                work[g].template compare<true>(table, flip);
-            else
-                work[g].template compare<false>(table, flip);
+            work[g].compare(table, flip);
         }
         for (int g = 0; g < groups; ++g) {
-            if (work[g].uniform)
-                work[g].template blend_again<true>(table);
-            else
-                work[g].template blend_again<false>(table);
+            work[g].blend_again(table);
             work[g].advance();
         }
     }
-    for (int g = 0; g < groups; ++g) finish(bucket, job, f, place[g], last, work[g].a);
+    for (int g = 0; g < groups; ++g) finish<K, U>(bucket, job, f, place[g], last, work[g].a);
 }
 
 // One group, if a short way to its motion is open.
-template <int K>
+template <int K, bool U>
 VT_INLINE bool blend_one(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
     const float* table = job.table + f * job.rows * 8;
-    const int32_t* joint = bucket.joint + place * K;
+    const int32_t* joint = bucket.joint + (U ? place / 8 : place) * K;
     const float* weight = bucket.weight + place * K;
     Dual a;
     if constexpr (K == 1) {
-        a = gather<false>(table, joint);
-    } else {
-        if (!bucket.uniform[place / 8] || (job.agree && !job.agree[f])) return false;
+        a = gather<U>(table, joint);
+    } else if constexpr (U && K <= 8) {
+        if (job.agree && !job.agree[f]) return false;
         if (job.steps == 0) {
             a = sum_rows<K, true>(table, joint, weight, K);
-            mend(a, table, joint, weight, K);
+            mend<U>(a, table, joint, weight, K);
         } else {
-            if (job.steps > 1 || K > 8) return false;
+            if (job.steps > 1) return false;
             near.learn(table, joint);
-            if (!near.blend(table, weight, a)) return false;
+            if (!near.template blend<1>(table, weight, &a)) return false;
         }
+    } else {
+        return false;
     }
-    finish(bucket, job, f, place, last, a);
+    finish<K, U>(bucket, job, f, place, last, a);
     return true;
 }
 
+// Two groups of the same joints by the short way, if it is open to both.
 template <int K>
-void twist_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last) {
-    const int n = bucket.influences;
+VT_INLINE bool blend_two(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
+    if (job.steps != 1 || (job.linear.share && !job.linear.center) || place + 8 >= last || (job.agree && !job.agree[f])) return false;
     const float* table = job.table + f * job.rows * 8;
-    const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
-    for (int g = 0; g < groups; ++g) {
-        const int32_t* joint = bucket.joint + place[g] * n;
-        const float* weight = bucket.weight + place[g] * n;
-        const int32_t* base = job.base + place[g];
-        finish(bucket, job, f, place[g], last,
-               bucket.uniform[place[g] / 8] ? blend_twists<K, true>(table, joint, weight, n, bases, base)
-                                            : blend_twists<K, false>(table, joint, weight, n, bases, base));
+    const int32_t* joint = bucket.joint + place / 8 * K;
+    near.learn(table, joint);
+    Dual a[2];
+    if (!near.knows(joint + K) || !near.template blend<2>(table, bucket.weight + place * K, a)) return false;
+    finish<K, true>(bucket, job, f, place, last, a[0]);
+    finish<K, true>(bucket, job, f, place + 8, last, a[1]);
+    return true;
+}
+
+template <int K, bool U>
+void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
+    for (int64_t f = 0; f < job.frames; ++f) {
+        if (job.twists) {
+            const float* table = job.table + f * job.rows * 8;
+            const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
+            for (int64_t p = first; p < last; p += 8)
+                finish<K, U>(bucket, job, f, p, last,
+                             blend_twists<K, U>(table, bucket.joint + (U ? p / 8 : p) * K, bucket.weight + p * K, K,
+                                                bases, job.base + p));
+            continue;
+        }
+        int64_t place[kBatch];
+        Near<K <= 8 ? K : 1> near;
+        int groups = 0;
+        for (int64_t p = first; p < last; p += 8) {
+            if (all_linear<K, U>(bucket, job, f, p, last)) continue;
+            if constexpr (U && K > 1 && K <= 4)
+                if (blend_two<K>(bucket, job, f, p, last, near)) {
+                    p += 8;
+                    continue;
+                }
+            if constexpr (K <= 8)
+                if (blend_one<K, U>(bucket, job, f, p, last, near)) continue;
+            place[groups++] = p;
+            if (groups == kBatch) {
+                blend_batch<K, U>(bucket, job, f, place, groups, last);
+                groups = 0;
+            }
+        }
+        if (groups) blend_batch<K, U>(bucket, job, f, place, groups, last);
     }
 }
 
 template <int K>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
-    for (int64_t f = 0; f < job.frames; ++f) {
-        const float* mix = job.mix ? job.mix + f * job.vertices : nullptr;
-        int64_t place[kBatch];
-        Near<K <= 8 ? K : 1> near;
-        int groups = 0;
-        const auto finish_batch = [&] {
-            if (job.twists)
-                twist_batch<K>(bucket, job, f, place, groups, last);
-            else
-                blend_batch<K>(bucket, job, f, place, groups, last);
-            groups = 0;
-        };
-        for (int64_t p = first; p < last; p += 8) {
-            if (mix && unwanted(bucket, p, last, mix)) continue;
-            if constexpr (K <= 8)
-                if (!job.twists && blend_one<K>(bucket, job, f, p, last, near)) continue;
-            place[groups++] = p;
-            if (groups == kBatch) finish_batch();
-        }
-        if (groups) finish_batch();
-    }
+    bucket.shared ? run<K, true>(bucket, first, last, job) : run<K, false>(bucket, first, last, job);
 }
 
 }  // namespace

@@ -26,9 +26,19 @@ def forward_kinematics(
     out: Double,
     threads: int = 0,
 ) -> None: ...
-def linear_table(matrices: Double) -> Single:
-    """(F,J,4,4) to (F,J,16): M - I by columns of four."""
+def linear_table(matrices: Double, still: bool = False) -> Single:
+    """(F,J,4,4) to (F,J,16): M - I by columns of four; with `still` one more, which does not move."""
 
+def linear_lanes(
+    table: Single,
+    rest: Single,
+    joint: Ints,
+    weight: Single,
+    target: Ints | None,
+    count: int,
+    out: Single,
+    threads: int = 0,
+) -> None: ...
 def linear(
     table: Single,
     rest: Single,
@@ -47,8 +57,30 @@ def touch(table: Single | None, rest: Single, joint: Ints, weight: Single, out: 
 def deviation(matrices: Double) -> float:
     """How far the 3x3 parts of (F,J,4,4) are from rotations; 2 or more where one mirrors."""
 
-def dual_table(matrices: Double, tree: Ints, left: Ints, follow: bool) -> tuple[Single, Bytes]:
+def dual_table(
+    matrices: Double, tree: Ints, left: Ints, follow: bool, memory: Double | None = None
+) -> tuple[Single, Bytes]:
     """Rigid (F,J,4,4) to dual quaternions (F,J+1,8) with agreeing signs, and (F,) whether all pairs agree."""
+
+def twist_table(
+    matrices: Double, tree: Ints, left: Ints, follow: bool, memory: Double | None, pairs: Ints
+) -> tuple[Single, Single]:
+    """Half twists (F,P,8) of pairs (P,2), and dual quaternions (F,J+1,8)."""
+
+def turn_shares(
+    matrices: Double,
+    tree: Ints,
+    left: Ints,
+    follow: bool,
+    memory: Double | None,
+    pairs: Ints,
+    low: Double,
+    high: Double,
+    hard: bool,
+    row: Ints,
+    member: Ints,
+) -> Single:
+    """(F,S): from 0 to 1 as the largest angle of a set's pairs goes from low to high (P,)."""
 
 def rigid(
     table: Single,
@@ -59,11 +91,14 @@ def rigid(
     rest: Single,
     joint: Ints,
     weight: Single,
-    uniform: Bytes,
     target: Ints | None,
     count: int,
-    mix: Single | None,
     out: Single,
+    linear: Single | None = None,
+    share: Single | None = None,
+    set: Ints | None = None,
+    center: Single | None = None,
+    carry: Single | None = None,
     threads: int = 0,
 ) -> None: ...
 def normals(

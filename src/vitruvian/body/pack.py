@@ -16,8 +16,9 @@ from vitruvian.body.hands import stored_roundings
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.rotations import from_axis_angle
-from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
+from vitruvian.body.types import Body, Drive, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
+from vitruvian.hanim.drivers import driver_of
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.welding import pieces, restored
 
@@ -190,10 +191,10 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
             vertex.append(index)
             owner.append(np.full(len(index), i, np.int32))
             weight.append(value)
-            morphs += [m for d in joint.displacers if (m := _morph(d, joint.name, count, i)) is not None]
-        own = (_morph(d, humanoid.name, count, 0) for d in humanoid.skin_displacers)
+            morphs += [m for d in joint.displacers if (m := _morph(d, joint.name, count, i, skeleton)) is not None]
+        own = (_morph(d, humanoid.name, count, 0, skeleton) for d in humanoid.skin_displacers)
         morphs += [replace(m, before=True) for m in own if m is not None]
-        morphs += _cut_morphs(cut, {id(j): i for i, j in enumerate(joints)}, count)
+        morphs += _cut_morphs(cut, {id(j): i for i, j in enumerate(joints)}, count, skeleton)
         for n, shape in enumerate(deforming):
             surface.add_shape(shape, 0, f"skin {n}")
     for n, shape in enumerate(s for s in humanoid.skin if s.points is not None):
@@ -208,7 +209,7 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
             owner.append(np.full(len(moved), i, np.int32))
             weight.append(np.ones(len(moved)))
             if isinstance(holder, Segment):
-                morphs += [m for d in holder.displacers for m in _segment_morphs(d, holder, starts, i)]
+                morphs += [m for d in holder.displacers for m in _segment_morphs(d, holder, starts, i, skeleton)]
 
     contours = _contours(surface, joints, skeleton)
     for packed in contours:
@@ -267,7 +268,7 @@ def _influence(joint: Joint, count: int) -> tuple[Ints, Floats]:
     return index.astype(np.int32), weight
 
 
-def _morph(displacer: Displacer, where: str, count: int, joint: int) -> Morph | None:
+def _morph(displacer: Displacer, where: str, count: int, joint: int, skeleton: Skeleton | None = None) -> Morph | None:
     """A displacer whose indices fit into `count` points; entries that do not fit are skipped, with a warning."""
     index = np.asarray(displacer.coord_index, dtype=np.int64).reshape(-1)
     offset = np.asarray(displacer.displacements, dtype=np.float64).reshape(-1, 3)
@@ -279,10 +280,28 @@ def _morph(displacer: Displacer, where: str, count: int, joint: int) -> Morph | 
     kept, offset = index[:n][good].astype(np.int32), offset[:n][good]
     if not len(kept):
         return None
-    return Morph(displacer.name, kept, offset, joint, weight=float(displacer.weight))
+    drive = None if skeleton is None else _drive(displacer, where, skeleton)
+    return Morph(displacer.name, kept, offset, joint, weight=float(displacer.weight), drive=drive)
 
 
-def _cut_morphs(cut: list[tuple[Joint, Segment, Shape]], place: dict[int, int], count: int) -> list[Morph]:
+def _drive(displacer: Displacer, where: str, skeleton: Skeleton) -> Drive | None:
+    """The driver of a displacer; one that does not make sense is left out, with a warning."""
+    try:
+        driver = driver_of(displacer)
+    except VitruvianError as error:
+        warn(f"{error}; it is left out")
+        return None
+    if driver is None:
+        return None
+    if driver.joint not in skeleton.index:
+        warn(f"Displacer {displacer.name} of {where}: its driver names no joint of this figure, {driver.joint!r}")
+        return None
+    return Drive(skeleton.index[driver.joint], driver.axis, driver.angles, driver.weights)
+
+
+def _cut_morphs(
+    cut: list[tuple[Joint, Segment, Shape]], place: dict[int, int], count: int, skeleton: Skeleton
+) -> list[Morph]:
     """Displacers of Segments that were cut out of the skin, over skin points; a point on a cut moves once."""
     homes = {id(home): (joint, home, shape) for joint, home, shape in cut}
     taken: dict[str, Ints] = {}
@@ -291,14 +310,14 @@ def _cut_morphs(cut: list[tuple[Joint, Segment, Shape]], place: dict[int, int], 
         index = shape.skin_index
         assert index is not None
         for d in home.displacers:
-            part = _morph(d, home.name, len(index), place[id(joint)])
+            part = _morph(d, home.name, len(index), place[id(joint)], skeleton)
             if part is None:
                 continue
             rows = index[part.index]
             fresh = ~np.isin(rows, taken.get(d.name, rows[:0]))
             taken[d.name] = np.concatenate([taken.get(d.name, rows[:0]), rows])
             if fresh.any():
-                out.append(Morph(d.name, rows[fresh], part.offset[fresh], part.joint, weight=part.weight))
+                out.append(replace(part, index=rows[fresh], offset=part.offset[fresh]))
     return out
 
 
@@ -340,14 +359,16 @@ def _add_holder(surface: _Surface, holder: Segment | Site, frame: Floats) -> lis
     return starts
 
 
-def _segment_morphs(displacer: Displacer, segment: Segment, starts: list[tuple[Shape, int]], joint: int) -> list[Morph]:
+def _segment_morphs(
+    displacer: Displacer, segment: Segment, starts: list[tuple[Shape, int]], joint: int, skeleton: Skeleton
+) -> list[Morph]:
     """A Segment's displacer moves the points of Segment.coord (those of its first shape when not given) and of shapes
     with equal ones."""
     if not starts:
         return []
     model = starts[0][0].points if segment.coord is None else segment.coord
     assert model is not None
-    morph = _morph(displacer, segment.name, len(model), joint)
+    morph = _morph(displacer, segment.name, len(model), joint, skeleton)
     if morph is None:
         return []
     out = []
@@ -355,5 +376,5 @@ def _segment_morphs(displacer: Displacer, segment: Segment, starts: list[tuple[S
         if shape.points is not None and np.array_equal(shape.points, model):
             turn = np.eye(3) if shape.transform is None else np.asarray(shape.transform)[:3, :3]
             index, offset = morph.index + np.int32(first), morph.offset @ turn.T
-            out.append(Morph(morph.name, index, offset, joint, before=True, weight=morph.weight))
+            out.append(replace(morph, index=index, offset=offset, before=True))
     return out

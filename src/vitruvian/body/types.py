@@ -218,11 +218,25 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class Drive:
+    """What a joint's angle adds to a displacer's weight.
+
+    joint: index; axis (3,) unit, in the joint's frame: the angle is that of the rotation's part about it, radians.
+    angles (n,) rising, and weights (n,) between which it is interpolated.
+    """
+
+    joint: int
+    axis: Floats
+    angles: Floats
+    weights: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Morph:
     """A displacer, packed: vertices `index` (n,) move by weight * `offset` (n,3).
 
     `joint` is the joint in whose turned frame the offset is added after skinning; with `before` the offset is added to
-    the rest position instead (Segment displacers).
+    the rest position instead (Segment displacers). `drive`: a joint's angle adds to the weight.
     """
 
     name: str
@@ -231,6 +245,7 @@ class Morph:
     joint: int
     before: bool = False
     weight: float = 0.0
+    drive: Drive | None = None
 
 
 @dataclass(frozen=True, eq=False)

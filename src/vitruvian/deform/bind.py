@@ -138,11 +138,11 @@ def bind(weights: Weights, joints: int, *, rule: str = "as_file", rigid: bool = 
 class Bucket:
     """Vertices with up to `width` influences each, laid out for the kernels.
 
-    `joint` holds places in the kernel's table, in floats: the joint times 16 (plain) or 8 (lanes).
+    `joint` holds places in the kernel's table, in floats: the joint times 16 (linear) or 8 (rigid).
     Plain layout (linear), `lanes` 1: joint and weight (n, width), rest (n,3); `width` 0: rows of any length.
-    Lane layout (rigid): groups of `lanes` vertices, joint and weight (g, width, lanes), rest (g,3,lanes); vertices with
-    the same joints stand together, `uniform` (g,) says which groups have one set of joints. Groups are filled up by
-    repeating their last vertex.
+    Lane layout: groups of `lanes` vertices, weight (g, width, lanes), rest (g,3,lanes). `shared`: the vertices of a group
+    have the same joints, joint (g, width); else joint (g, width, lanes). Groups are filled up by repeating their last
+    vertex.
     `vertices` (n,) are those of all places; `target` is the same, or None when it is all vertices in order.
     """
 
@@ -155,7 +155,7 @@ class Bucket:
     weight: NDArray[np.float32]
     row: Ints | None = None
     target: Ints | None = None
-    uniform: NDArray[np.uint8] | None = None
+    shared: bool = False
 
     def lay(self, values: NDArray) -> NDArray[np.float32]:
         """Values per vertex (V,k) as this bucket lays them out: (n,k) or (g,k,lanes)."""
@@ -172,13 +172,17 @@ def _lay(array: NDArray, lanes: int) -> NDArray:
     return np.ascontiguousarray(array.reshape(-1, lanes, array.shape[1]).swapaxes(1, 2))
 
 
-def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
-    """Every vertex in one bucket of width 1, 2, 4, 8 or 0, in order: for the linear kernel."""
+def plain_buckets(rows: Influences, rest: Floats, only: Ints | None = None) -> tuple[Bucket, ...]:
+    """Every vertex, or those of `only`, in one bucket of width 1, 2, 4, 8 or 0, in order: for the linear kernel."""
     out = []
     low = -1
+    wanted = np.ones(len(rows), dtype=bool)
+    if only is not None:
+        wanted[:] = False
+        wanted[only] = True
     for width in (1, 2, 4, 8, 0):
         high = width or int(rows.counts.max(initial=0))
-        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= high)).astype(np.int32)
+        chosen = np.flatnonzero(wanted & (rows.counts > low) & (rows.counts <= high)).astype(np.int32)
         low = high
         if not len(chosen):
             continue
@@ -198,51 +202,82 @@ def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
     return tuple(out)
 
 
+def linear_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
+    """Every vertex in one bucket for the linear kernels: in lanes where eight share their joints, else plain."""
+    out, left, low = [], [np.zeros(0, np.int32)], -1
+    for width in WIDTHS[:4]:
+        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= width)).astype(np.int32)
+        low = width
+        if len(chosen):
+            together, others = _grouped(rows, chosen, width)
+            left.append(others)
+            if len(together):
+                out.append(_lane_bucket(rows, rest, together, width, MATRIX, shared=True))
+    left.append(np.flatnonzero(rows.counts > low).astype(np.int32))
+    rest_of_them = np.concatenate(left)
+    return (*out, *plain_buckets(rows, rest, rest_of_them)) if len(rest_of_them) else tuple(out)
+
+
 def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
     """Every vertex in one bucket of a width in `WIDTHS`, for the kernels of rigid operators.
 
+    Vertices that cannot be put together with seven others of the same joints are few: they share one bucket per 8, 16
+    and 64 influences.
     Raises VitruvianError for a vertex with more influences than the largest width.
     """
     most = int(rows.counts.max(initial=0))
     found = f"{most} on vertex {int(rows.counts.argmax()) if most else 0}"
     require(most <= WIDTHS[-1], "weights", f"at most {WIDTHS[-1]} joints per vertex (linear takes any number)", found)
-    out = []
-    low = -1
+    out, left, low = [], [np.zeros(0, np.int32)], -1
     for width in WIDTHS:
         chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= width)).astype(np.int32)
         low = width
         if len(chosen):
-            out.append(_lane_bucket(rows, rest, chosen, width))
+            together, others = _grouped(rows, chosen, width)
+            left.append(others)
+            if len(together):
+                out.append(_lane_bucket(rows, rest, together, width, DUAL, shared=True))
+        if width >= 8 and any(len(some) for some in left):
+            mixed = np.sort(np.concatenate(left))
+            need = next(w for w in WIDTHS if w >= int(rows.counts[mixed].max()))
+            out.append(_lane_bucket(rows, rest, mixed, need, DUAL, shared=False))
+            left = [np.zeros(0, np.int32)]
     return tuple(out)
 
 
-def _lane_bucket(rows: Influences, rest: Floats, chosen: Ints, width: int) -> Bucket:
-    joint, weight = _table(rows, chosen, width)
-    # by joint, padding last, so that the same joints make the same row whatever their weights
-    order = np.argsort(np.where(weight > 0, joint, np.iinfo(np.int32).max), axis=1, kind="stable")
-    joint, weight = np.take_along_axis(joint, order, axis=1), np.take_along_axis(weight, order, axis=1)
-    joint = np.where(weight > 0, joint, joint[:, :1])
-    place = _grouped(joint)
-    target = None if np.array_equal(chosen[place], np.arange(len(rows))) else chosen[place]
+def _lane_bucket(rows: Influences, rest: Floats, place: Ints, width: int, floats: int, *, shared: bool) -> Bucket:
+    joint, weight = _sorted_table(rows, place, width)
+    target = None if np.array_equal(place, np.arange(len(rows))) else place
     count = len(place)
-    place = np.concatenate([place, np.repeat(place[-1:], -count % LANES)])
-    joint = _lay((joint[place] * DUAL).astype(np.int32), LANES)
-    shares = _lay(weight[place].astype(np.float32), LANES)
-    uniform = (joint == joint[:, :, :1]).all(axis=(1, 2)).astype(np.uint8)
-    vertices = chosen[place]
-    points = _lay(rest[vertices].astype(np.float32), LANES)
-    return Bucket(width, LANES, count, vertices, points, joint, shares, None, target, uniform)
+    fill = np.concatenate([np.arange(count), np.full(-count % LANES, count - 1)])
+    joint = (joint[fill] * floats).astype(np.int32)
+    joint = np.ascontiguousarray(joint[::LANES]) if shared else _lay(joint, LANES)
+    vertices = place[fill]
+    shares = _lay(weight[fill].astype(np.float32), LANES)
+    return Bucket(
+        width,
+        LANES,
+        count,
+        vertices,
+        _lay(rest[vertices].astype(np.float32), LANES),
+        joint,
+        shares,
+        None,
+        target,
+        shared,
+    )
 
 
-def _grouped(joint: Ints) -> Ints:
-    """Places of vertices, given their joints (n, width): those with the same joints fill groups of their own, the last
-    of which is filled up by repeating a vertex when it is at least half full; what is left follows, mixed."""
+def _grouped(rows: Influences, chosen: Ints, width: int) -> tuple[Ints, Ints]:
+    """Vertices in groups of `LANES` that have the same joints, and those left over. A group that is at least half full
+    is filled up by repeating its last vertex."""
+    joint = _sorted_table(rows, chosen, width)[0]
     order = np.lexsort(joint.T[::-1])
     ordered = joint[order]
     starts = np.flatnonzero(np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)]))
     sizes = np.diff(np.concatenate([starts, [len(order)]]))
     if len(sizes) == 1:
-        return order.astype(np.int32)
+        return chosen, chosen[:0]
     rest = sizes % LANES
     kept = np.where(rest >= LANES // 2, sizes, sizes - rest)
     padded = -(-kept // LANES) * LANES
@@ -250,7 +285,15 @@ def _grouped(joint: Ints) -> Ints:
     slot = np.arange(len(run)) - np.repeat(np.cumsum(padded) - padded, padded)
     own = order[starts[run] + np.minimum(slot, kept[run] - 1)]
     slot = np.arange(len(order)) - np.repeat(starts, sizes)
-    return np.concatenate([own, order[slot >= np.repeat(kept, sizes)]]).astype(np.int32)
+    return chosen[own], chosen[order[slot >= np.repeat(kept, sizes)]]
+
+
+def _sorted_table(rows: Influences, chosen: Ints, width: int) -> tuple[Ints, Floats]:
+    """`_table` by joint, padding last, so that the same joints make the same row whatever their weights."""
+    joint, weight = _table(rows, chosen, width)
+    order = np.argsort(np.where(weight > 0, joint, np.iinfo(np.int32).max), axis=1, kind="stable")
+    joint, weight = np.take_along_axis(joint, order, axis=1), np.take_along_axis(weight, order, axis=1)
+    return np.where(weight > 0, joint, joint[:, :1]), weight
 
 
 def _table(rows: Influences, chosen: Ints, width: int) -> tuple[Ints, Floats]:

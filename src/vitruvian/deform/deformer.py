@@ -54,8 +54,9 @@ def deformer(
     tolerance: float = 0.0005,
     angle: float | None = None,
     fade: bool = True,
-    mix: ArrayLike | None = None,
+    mix: ArrayLike | Mapping[str, ArrayLike] | None = None,
     follow: bool = True,
+    live: bool = False,
     off: Collection[str] = (),
     survey: bool = False,
     hands: Mapping[str, Rounding] | bool | None = None,
@@ -65,8 +66,11 @@ def deformer(
     """Binds an operator to a body.
 
     `weights`: "as_file" (what is missing to a sum of one stays at rest) or "normalise". `steps` 0..3 of "log".
-    `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid". `mix` (V,), 0..1, paints between
-    "linear" (0) and the operator (1). `follow`: consecutive frames of one call keep twists continuous past 180 degrees.
+    `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid".
+    `mix` (V,), 0..1, paints between "linear" (0) and the operator (1); {name: (V,)} gives other operators shares of the
+    result, which sum to at most one, and the operator what is left.
+    `follow`: consecutive frames of one call keep twists continuous past 180 degrees; `live`: of consecutive calls, too,
+    so that what a call answers depends on those before it (all operators that blend by weights; `forget` starts anew).
     `off`: surfaces of "contours" that follow their joint as rigid pieces; `survey`: its contours keep the volume
     between them.
     `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint
@@ -80,44 +84,63 @@ def deformer(
     require(0 <= steps <= 3, "steps", "0 to 3", steps)
     require(5e-5 <= tolerance <= 5e-3, "tolerance", "0.00005 to 0.005 metres", tolerance)
     require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
+    options = {"weights": weights, "steps": steps, "tolerance": tolerance, "angle": angle, "fade": fade}
+    options |= {"follow": follow, "live": live, "off": off, "survey": survey, "threads": threads}
     if name == "hand" or hands not in (None, False):
         chosen = hands if isinstance(hands, Mapping) else None
         found = hands_of(body, chosen)
         require(bool(found), f"deformer {name!r}", "a body with wrists and fingers", "none")
 
         def under(body: Body) -> Operator:
-            return deformer(
-                "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
-                fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
-            ).operator  # fmt: skip
+            beneath = "log" if name == "hand" else name
+            return deformer(beneath, body, mix=mix, **options).operator  # type: ignore[arg-type]
 
         over = HandOperator(under(body), body.skin, found, rounded)
         return Deformer(name, body, replace(over, beneath=under(over.spared(body))))
+    if mix is not None:
+        return _painted(name, body, mix, options)
     joints, rest = len(body.skeleton), body.skin.rest
-    operator: Operator
-    linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)
     if name == "linear":
-        return Deformer(name, body, linear)
+        return Deformer(name, body, Linear(bind(body.skin.weights, joints, rule=weights), rest, threads))
     if name == "contours":
         require(bool(body.contours), "deformer 'contours'", "a body with contours; make one by `contours`", "none")
         known = {s.name for s in body.contours}
         require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
         return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
-    rigid = Rigid("log" if name in ("hybrid", "volume") else name, body, rows, steps, follow, threads)
-    if mix is not None:
-        paint = np.ascontiguousarray(mix, dtype=np.float32)
-        require(paint.shape == (len(rest),), "mix", f"shape ({len(rest)},)", paint.shape)
-        require(bool(((paint >= 0) & (paint <= 1)).all()), "mix", "values in 0..1", "others")
-        require(name not in ("hybrid", "volume"), "mix", "an operator that blends motions", repr(name))
-        operator = Painted(linear, rigid, paint)
-    elif name == "hybrid":
-        operator = Hybrid(linear, rigid, tolerance, angle, fade)
+    memory = np.full((len(rows.chain[0]), 4), np.nan) if live and follow else None
+    kind = "log" if name in ("hybrid", "volume") else name
+    rigid = Rigid(kind, body, rows, steps, follow, threads, memory)
+    operator: Operator = rigid
+    if name == "hybrid":
+        operator = Hybrid(rigid, tolerance, angle, fade)
     elif name == "volume":
         operator = Volume(rigid)
-    else:
-        operator = rigid
-    return Deformer(name, body, operator)
+    return Deformer(name, body, operator, () if memory is None else (memory,))
+
+
+def _painted(name: str, body: Body, mix: ArrayLike | Mapping[str, ArrayLike], options: dict[str, object]) -> Deformer:
+    """The operator `name` with painted shares of others, or painted over "linear"."""
+    count = len(body.skin.rest)
+    base, others = (name, mix) if isinstance(mix, Mapping) else ("linear", {name: mix})
+    parts: list[tuple[Operator, Floats]] = []
+    memories: list[Floats] = []
+    total = np.zeros(count)
+    for other, values in others.items():
+        title = "mix" if base != name else f"mix[{other!r}]"
+        paint = np.ascontiguousarray(values, dtype=np.float64)
+        require(paint.shape == (count,), title, f"shape ({count},)", paint.shape)
+        require(bool(((paint >= 0) & (paint <= 1)).all()), title, "values in 0..1", "others")
+        total += paint
+        part = deformer(other, body, **options)  # type: ignore[arg-type]
+        parts.append((part.operator, paint))
+        memories += part.memories
+    over = np.flatnonzero(total > 1 + 1e-6)
+    require(not over.size, "mix", "shares that sum to at most 1", f"{total[over[:1]]} at vertex {over[:1]}")
+    first = deformer(base, body, **options)  # type: ignore[arg-type]
+    threads = getattr(first.operator, "threads", 0)
+    operator = Painted(first.operator, tuple(parts), threads) if parts else first.operator
+    return Deformer(name, body, operator, (*first.memories, *memories))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +150,20 @@ class Deformer:
     name: str
     body: Body
     operator: Operator
+    memories: tuple[Floats, ...] = ()  # relative turns of the frame before, of a `live` deformer
+
+    def forget(self) -> None:
+        """The next call follows no frame before it."""
+        for memory in self.memories:
+            memory[:] = np.nan
 
     def __call__(
         self, matrices: Floats, morphs: Mapping[str, ArrayLike] | None = None, out: Single | None = None
     ) -> Single:
         """Skinned points (F,V,3) float32 in humanoid space, for joint matrices (F,J,4,4); (V,3) for (J,4,4).
 
-        `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight. `out`
+        `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight; what a joint's
+        angle drives is added. `out`
         (F,V,3) float32 C-contiguous is filled and returned.
         Raises VitruvianError when shapes do not fit this body.
         """
@@ -144,7 +174,7 @@ class Deformer:
             require(not morphs, "morphs", "none: this body has no displacers", list(morphs or ()))
             self.operator.points(frames, target)
             return out
-        weights = self.morphs.weights(morphs, len(frames))
+        weights = self.morphs.weights(morphs, frames, self.body.skeleton.parents)
         early = None if self.morphs.before is None else shift(self.morphs.before, weights)
         if early is None:
             self.operator.points(frames, target)

@@ -1,4 +1,6 @@
-"""Linear blending where joints turn little, the logarithm elsewhere.
+"""Mixtures of operators: by how far joints turn (`Hybrid`), and painted (`Painted`).
+
+Hybrid: linear blending where joints turn little, the logarithm elsewhere.
 
 Linear blending errs by r (1 - cos(th/2)) at a relative angle th, r the distance from the axis; so the tolerance gives
 the angle th0 = 2 acos(1 - tol / r) of each joint pair. Between th0/2 and th0 the two are faded.
@@ -6,32 +8,21 @@ the angle th0 = 2 acos(1 - tol / r) of each joint pair. Between th0/2 and th0 th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.rotations import from_matrix
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.bind import Influences
-from vitruvian.deform.operators import Linear, Rigid
+from vitruvian.deform.operators import Linear, Operator, Rigid, Sets
 
 FLOOR = 1e-3  # metres: the least radius that an angle is derived from
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Joint pairs in use (P,2), and sets of pairs: rows `row` (S+1,) of `pair`; `group` (V,) the set of each vertex."""
-
-    joints: Ints
-    row: Ints
-    pair: Ints
-    group: Ints
-
-
-def pairs_of(rows: Influences) -> Pairs:
-    """All pairs of joints that share a vertex. Vertices with the same joints share a set."""
+def pairs_of(rows: Influences) -> Sets:
+    """All pairs of joints that share a vertex. Vertices with the same joints share a set. Limits are zero."""
     width = max(int(rows.counts.max(initial=0)), 1)
     table = np.full((len(rows), width), -1, np.int32)
     table[rows.vertex, np.arange(len(rows.joint)) - rows.row[:-1][rows.vertex]] = rows.joint
@@ -49,12 +40,14 @@ def pairs_of(rows: Influences) -> Pairs:
     order = np.argsort(owner, kind="stable")
     row = np.zeros(len(sets) + 1, np.int32)
     np.cumsum(np.bincount(owner, minlength=len(sets)), out=row[1:])
-    return Pairs(
-        joints.astype(np.int32), row, pair.reshape(-1)[order].astype(np.int32), group.reshape(-1).astype(np.int32)
+    flat = lambda a: np.ascontiguousarray(a.reshape(-1), dtype=np.int32)  # noqa: E731
+    none = np.zeros(len(joints))
+    return Sets(
+        np.ascontiguousarray(joints, np.int32), row, flat(pair.reshape(-1)[order]), flat(group), none, none, False
     )
 
 
-def radii(pairs: Pairs, body: Body) -> Floats:
+def radii(pairs: Sets, body: Body) -> Floats:
     """(P,) largest distance of a pair's vertices from the line through the distal joint along its bone, at rest."""
     skeleton, rest = body.skeleton, body.skin.rest
     depth = np.zeros(len(skeleton) + 1, np.int64)
@@ -83,77 +76,89 @@ def radii(pairs: Pairs, body: Body) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Hybrid:
-    """Fades from `linear` to `log` by the largest relative angle among a vertex's joints.
+    """Fades from linear blending to `log` by the largest relative angle among a vertex's joints.
 
     `tolerance` metres of error that linear blending may make, or `angle` (radians) for all pairs; `fade` False switches
-    hard at the angle, as published.
+    hard at the angle, as published. Which vertices are blended how is settled for each set of joints once a frame.
     """
 
-    linear: Linear
     log: Rigid
     tolerance: float = 0.0005
     angle: float | None = None
     fade: bool = True
 
-    @cached_property
-    def pairs(self) -> Pairs:
-        return pairs_of(self.log.rows)
+    @property
+    def threads(self) -> int:
+        return self.log.threads
 
     @cached_property
-    def limit(self) -> Floats:
-        """(P,) the angle from which a pair counts as turned."""
+    def sets(self) -> Sets:
+        """Pairs of joints, and the angles at which they fade."""
+        pairs = pairs_of(self.log.rows)
         if self.angle is not None:
-            return np.full(len(self.pairs.joints), float(self.angle))
-        radius = radii(self.pairs, self.log.body)
-        return 2 * np.arccos(np.clip(1 - self.tolerance / radius, -1.0, 1.0))
-
-    def shares(self, matrices: Floats) -> NDArray[np.float32]:
-        """(F,V) how much of the logarithm each vertex gets."""
-        rigid, _ = self.log.factored(matrices)
-        q = np.concatenate([from_matrix(rigid), np.tile([0.0, 0, 0, 1], (len(matrices), 1, 1))], axis=1)
-        a, b = self.pairs.joints[:, 0], self.pairs.joints[:, 1]
-        dots = np.abs(np.sum(q[:, a] * q[:, b], axis=-1))
-        angle = 2 * np.arccos(np.minimum(dots, 1.0))
-        limit = np.maximum(self.limit, 1e-9)
-        if self.fade:
-            s = np.clip((angle - limit / 2) / (limit / 2), 0.0, 1.0)
-            share = s * s * (3 - 2 * s)
+            limit = np.full(len(pairs.joints), float(self.angle))
         else:
-            share = (angle >= limit).astype(np.float64)
-        share[:, self.limit >= np.pi] = 0.0
-        share[:, self.limit <= 0] = 1.0
-        row = self.pairs.row
-        sets = np.zeros((len(matrices), len(row) - 1))
-        some = np.flatnonzero(np.diff(row))
-        if len(some):
-            sets[:, some] = np.maximum.reduceat(share[:, self.pairs.pair], row[some], axis=1)
-        return sets[:, self.pairs.group].astype(np.float32)
+            radius = radii(pairs, self.log.body)
+            limit = 2 * np.arccos(np.clip(1 - self.tolerance / radius, -1.0, 1.0))
+        return replace(pairs, low=limit / 2, high=limit, hard=not self.fade)
+
+    @cached_property
+    def laid(self) -> list[dict[str, NDArray]]:
+        return self.log.laid(self.sets.group)
 
     def points(self, matrices: Floats, out: NDArray[np.float32], rest: Floats | None = None) -> None:
-        self.linear.points(matrices, out, rest)
-        self.log.mixed_points(matrices, out, rest, self.shares(matrices))
+        share = self.log.shares(matrices, self.sets)
+        self.log.faded(matrices, out, rest, share, self.sets.group, self.laid)
 
     def frames(self, matrices: Floats, out: NDArray[np.float32]) -> None:
-        self.linear.frames(matrices, out)
-        other = np.empty_like(out)
-        self.log.frames(matrices, other)
-        out += self.shares(matrices)[..., None, None] * (other - out)
+        share = self.log.shares(matrices, self.sets)
+        self.log.faded(matrices, out, None, share, self.sets.group, self.laid)
 
 
 @dataclass(frozen=True, eq=False)
 class Painted:
-    """A per-vertex mix (V,) of the linear (0) and a rigid (1) operator."""
+    """Operators blended by painted shares: each of `others` has (V,) shares of the result, `base` what they leave."""
 
-    linear: Linear
-    rigid: Rigid
-    mix: NDArray[np.float32]
+    base: Operator
+    others: tuple[tuple[Operator, Floats], ...]
+    threads: int = 0
+
+    @cached_property
+    def kept(self) -> Floats:
+        """(V,) the share of `base`."""
+        return 1 - np.sum([paint for _, paint in self.others], axis=0)
+
+    @cached_property
+    def laid(self) -> tuple[Ints, list[dict[str, NDArray]]]:
+        """For a rigid operator over linear blending: every vertex is a set of its own."""
+        operator, paint = self.others[0]
+        assert isinstance(operator, Rigid)
+        own = np.arange(len(paint), dtype=np.int32)
+        return own, operator.laid(own)
 
     def points(self, matrices: Floats, out: NDArray[np.float32], rest: Floats | None = None) -> None:
-        self.linear.points(matrices, out, rest)
-        self.rigid.mixed_points(matrices, out, rest, np.broadcast_to(self.mix, out.shape[:2]))
+        self._blend(matrices, out, rest)
 
     def frames(self, matrices: Floats, out: NDArray[np.float32]) -> None:
-        self.linear.frames(matrices, out)
-        other = np.empty_like(out)
-        self.rigid.frames(matrices, other)
-        out += self.mix[:, None, None] * (other - out)
+        self._blend(matrices, out, None)
+
+    def _blend(self, matrices: Floats, out: NDArray[np.float32], rest: Floats | None) -> None:
+        operator, paint = self.others[0]
+        if isinstance(self.base, Linear) and isinstance(operator, Rigid) and len(self.others) == 1:
+            own, laid = self.laid
+            operator.faded(matrices, out, rest, paint[None].astype(np.float32), own, laid)
+            return
+        shape = (-1, *(1,) * (out.ndim - 2))
+        _fill(self.base, matrices, out, rest)
+        out *= self.kept.astype(np.float32).reshape(shape)
+        part = np.empty_like(out)
+        for operator, paint in self.others:
+            _fill(operator, matrices, part, rest)
+            out += paint.astype(np.float32).reshape(shape) * part
+
+
+def _fill(operator: Operator, matrices: Floats, out: NDArray[np.float32], rest: Floats | None) -> None:
+    if out.ndim == 4:
+        operator.frames(matrices, out)
+    else:
+        operator.points(matrices, out, rest)

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vitruvian.body.types import Floats, Ints, Morph, require
+from vitruvian.body.rotations import from_matrix, inverse, multiply
+from vitruvian.body.types import Drive, Floats, Ints, Morph, require
+from vitruvian.deform.se3 import polar
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +35,15 @@ class Morphs:
     rest_weights: Floats
     before: Group | None
     after: tuple[Group, ...]
+    drives: tuple[tuple[int, Drive], ...] = ()  # displacer, and what drives it
 
-    def weights(self, given: Mapping[str, ArrayLike] | None, frames: int) -> Floats:
-        """(F,D) weights: those of the file, replaced where `given` names a displacer (a number or one per frame).
+    def weights(self, given: Mapping[str, ArrayLike] | None, matrices: Floats, parents: Ints | None = None) -> Floats:
+        """(F,D) weights: those of the file, replaced where `given` names a displacer (a number or one per frame), plus
+        what the angles of joints add for joint matrices (F,J,4,4) and parents (J,).
 
         Raises VitruvianError for a name that no displacer has, and for a wrong number of frames.
         """
+        frames = len(matrices)
         out = np.tile(self.rest_weights, (frames, 1))
         for name, value in (given or {}).items():
             where = [i for i, n in enumerate(self.names) if n == name]
@@ -47,7 +52,28 @@ class Morphs:
             fits = series.ndim == 0 or series.shape == (frames,)
             require(fits, f"morphs[{name!r}]", f"a number or {frames} of them", series.shape)
             out[:, where] = series if series.ndim == 0 else series[:, None]
+        for which, drive in self.drives:
+            out[:, which] += driven(drive, matrices, int(parents[drive.joint]) if parents is not None else -1)
         return out
+
+
+def driven(drive: Drive, matrices: Floats, parent: int) -> Floats:
+    """(F,) what a joint's angle adds to a weight, for joint matrices (F,J,4,4).
+
+    The angle is the twist of the joint's rotation against its parent about the axis (swing after twist), -pi to pi.
+    """
+    own = from_matrix(_turned(matrices[:, drive.joint, :3, :3]))
+    if parent >= 0:
+        own = multiply(inverse(from_matrix(_turned(matrices[:, parent, :3, :3]))), own)
+    own = np.where(own[:, 3:] < 0, -own, own)
+    angle = 2 * np.arctan2(own[:, :3] @ drive.axis, own[:, 3])
+    return np.interp(angle, drive.angles, drive.weights)
+
+
+def _turned(linear: Floats) -> Floats:
+    """The rotations in 3x3 parts (F,3,3), which may be scaled."""
+    gram = np.einsum("fba,fbc->fac", linear, linear)
+    return linear if np.abs(gram - np.eye(3)).max(initial=0) < 1e-5 else polar(linear)[0]
 
 
 def pack_morphs(morphs: tuple[Morph, ...]) -> Morphs:
@@ -62,6 +88,7 @@ def pack_morphs(morphs: tuple[Morph, ...]) -> Morphs:
         rest_weights=np.array([m.weight for m in morphs], dtype=np.float64),
         before=_group(morphs, early, -1) if early else None,
         after=tuple(_group(morphs, which, joint) for joint, which in late.items()),
+        drives=tuple((i, m.drive) for i, m in enumerate(morphs) if m.drive is not None),
     )
 
 

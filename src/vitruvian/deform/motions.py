@@ -56,16 +56,20 @@ def joint_duals(rigid: Floats) -> Floats:
     return np.concatenate([se3.dual_quaternion(rigid), still], axis=1)
 
 
-def choose_signs(duals: Floats, rows: Influences, *, follow: bool) -> tuple[Floats, NDArray[np.bool_]]:
+def choose_signs(
+    duals: Floats, rows: Influences, *, follow: bool, memory: Floats | None = None
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Dual quaternions whose signs agree along the trees of joint pairs in use, and per frame whether all pairs agree.
 
     Where all agree, no sign needs to be looked at per vertex. `follow`: in frames that follow their predecessor closely
-    the relative turn of each pair keeps its sign through 180 degrees, and the choice holds for all pairs.
+    the relative turn of each pair keeps its sign through 180 degrees, and the choice holds for all pairs. `memory` (E,4)
+    carries the relative turns from call to call: NaN when there is no frame before; the last frame's are left in it.
     """
     tree, left = rows.chain
     duals = duals.copy()
     agree = np.ones(len(duals), dtype=bool)
-    before: Floats | None = None
+    known = follow and memory is not None and memory.size > 0 and not np.isnan(memory[0, 0])
+    before: Floats | None = memory.copy() if known and memory is not None else None
     for f, frame in enumerate(duals):
         for a, b in tree:
             if frame[a, :4] @ frame[b, :4] < 0:
@@ -80,6 +84,8 @@ def choose_signs(duals: Floats, rows: Influences, *, follow: bool) -> tuple[Floa
         wound = (relative[:, 3] < 0).any()
         if len(left) and not wound:
             agree[f] = bool((np.sum(frame[left[:, 0], :4] * frame[left[:, 1], :4], axis=1) >= 0).all())
+    if follow and memory is not None and before is not None:
+        memory[:] = before
     return duals, agree
 
 

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import DUAL, Bucket, Influences, lane_buckets, plain_buckets
+from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, lane_buckets, linear_buckets
 from vitruvian.deform.motions import RIGID, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
+SIGNED = ("log", "dual-quaternion")  # kinds that the kernel blends as dual quaternions
 
 
 class Operator(Protocol):
@@ -41,7 +42,7 @@ class Linear:
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
-        return plain_buckets(self.rows, self.rest)
+        return linear_buckets(self.rows, self.rest)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         native = kernels()
@@ -53,7 +54,7 @@ class Linear:
         table = native.linear_table(matrices)
         for b in self.buckets:
             moved = b if rest is None else b.moved(rest)
-            _linear(native, table, moved, out, self.threads)
+            blend_linear(native, table, moved, out, self.threads)
 
     def frames(self, matrices: Floats, out: Single) -> None:
         native = kernels()
@@ -63,11 +64,15 @@ class Linear:
             return
         table, flat = native.linear_table(matrices), out.reshape(len(out), -1, 12)
         for b in self.buckets:
-            _linear(native, table, b, flat, self.threads)
+            blend_linear(native, table, b, flat, self.threads)
 
 
-def _linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: int) -> None:
-    native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
+def blend_linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: int) -> None:
+    """One bucket of out (F,V,3) or (F,V,12), by a table of `native.linear_table`."""
+    if b.lanes == LANES:
+        native.linear_lanes(table, b.rest, b.joint, b.weight, b.target, b.count, out, threads)
+    else:
+        native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +80,7 @@ class Rigid:
     """Blends rigid motions: `kind` "dual-quaternion", "log", "log-pair" or "log-absolute".
 
     Scaled joint matrices are factored: the stretches blend linearly and come first.
-    `follow` keeps the sign of relative turns from frame to frame ("dual-quaternion" and "log").
+    `follow` keeps the sign of relative turns from frame to frame (not "log-absolute"), `memory` also from call to call.
     """
 
     kind: str
@@ -84,6 +89,7 @@ class Rigid:
     steps: int = 1
     follow: bool = True
     threads: int = 0
+    memory: Floats | None = None
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
@@ -105,39 +111,82 @@ class Rigid:
         return used[used < self.rows.joints]
 
     @cached_property
-    def stretch(self) -> Linear:
-        """Blends the stretches, with the same weights."""
+    def unscaled(self) -> Linear:
+        """Linear blending with the same weights."""
         real = self.rows.joint < self.rows.joints
         row = np.concatenate([[0], np.cumsum(real)])[self.rows.row].astype(np.int32)
         rows = Influences(row, self.rows.joint[real], self.rows.weight[real], self.rows.joints)
         return Linear(rows, self.body.skin.rest, self.threads)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
-        self.mixed_points(matrices, out, rest, None)
-
-    def mixed_points(self, matrices: Floats, out: Single, rest: Floats | None, mix: Single | None) -> None:
-        """`points`, of which (F,V) `mix` replaces what is in `out`; None replaces it all."""
         rigid, stretches = self.factored(matrices)
         if stretches is None:
-            self._run(rigid, out, rest, mix)
+            self._run(rigid, out, rest)
             return
         first = np.empty((1, *out.shape[1:]), np.float32)
-        for f in range(len(matrices)):
-            self.stretch.points(stretches[f : f + 1], first, rest)
-            part = None if mix is None else mix[f : f + 1]
-            self._run(rigid[f : f + 1], out[f : f + 1], first[0].astype(np.float64), part)
+        for f in range(len(matrices)):  # sizes first
+            self.unscaled.points(stretches[f : f + 1], first, rest)
+            self._run(rigid[f : f + 1], out[f : f + 1], first[0].astype(np.float64))
 
     def frames(self, matrices: Floats, out: Single) -> None:
         rigid, stretches = self.factored(matrices)
-        self._run(rigid, out, None, None)
+        self._run(rigid, out, None)
         if stretches is None:
             return
         first = np.empty_like(out[:1])
         for f in range(len(matrices)):
-            self.stretch.frames(stretches[f : f + 1], first)
+            self.unscaled.frames(stretches[f : f + 1], first)
             linear = out[f, :, :, :3].copy()
             out[f, :, :, :3] = linear @ first[0, :, :, :3]
             out[f, :, :, 3] += np.einsum("vab,vb->va", linear, first[0, :, :, 3])
+
+    def laid(self, group: Ints) -> list[dict[str, NDArray]]:
+        """The set (V,) of each vertex as the kernel wants it; for `faded`."""
+        return [{"set": b.lay(group[:, None]).astype(np.int32)} for b in self.buckets]
+
+    def faded(
+        self,
+        matrices: Floats,
+        out: Single,
+        rest: Floats | None,
+        share: Single,
+        group: Ints,
+        sets: list[dict[str, NDArray]],
+    ) -> None:
+        """`points` into out (F,V,3), or `frames` into out (F,V,3,4), mixed with linear blending.
+
+        `share` (F or 1, S) of this operator in the result for each set, `group` (V,) the set of each vertex, laid out in
+        `sets`.
+        """
+        if kernels() is not None and self.kind in SIGNED and self.factored(matrices)[1] is None:
+            self._run(matrices, out, rest, [{"share": share, **s} for s in sets])
+            return
+        other = np.empty_like(out)
+        if out.ndim == 4:
+            self.unscaled.frames(matrices, out)
+            self.frames(matrices, other)
+        else:
+            self.unscaled.points(matrices, out, rest)
+            self.points(matrices, other, rest)
+        out += share[:, group].reshape(len(share), len(group), *(1,) * (out.ndim - 2)) * (other - out)
+
+    def centred(self, matrices: Floats, out: Single, rest: Floats | None, centers: list[dict[str, NDArray]]) -> bool:
+        """Points that turn about moving centres, laid out for the buckets; False where only the twins can do it."""
+        if kernels() is None or self.factored(matrices)[1] is not None:
+            return False
+        self._run(matrices, out, rest, centers)
+        return True
+
+    def shares(self, matrices: Floats, sets: Sets) -> Single:
+        """(F,S) how much of the motion each set of joint pairs gets, by the largest angle between two of its joints."""
+        native = kernels()
+        rigid = self.factored(matrices)[0]
+        tree, left = self.rows.chain
+        if native is not None:
+            s = (sets.joints, sets.low, sets.high, sets.hard, sets.row, sets.pair)
+            return native.turn_shares(rigid, tree, left, self.follow, self.memory, *s)
+        duals, agree = choose_signs(joint_duals(rigid), self.rows, follow=self.follow, memory=self.memory)
+        return sets.shares(duals, agree)
 
     def factored(self, matrices: Floats) -> tuple[Floats, Floats | None]:
         """Rigid motions, and stretches if there are any: see `motions.factor`."""
@@ -146,58 +195,88 @@ class Rigid:
             return matrices, None
         return factor(matrices, self.body.skeleton, self.used)
 
-    def _run(self, rigid: Floats, out: Single, rest: Floats | None, mix: Single | None) -> None:
+    def _run(
+        self, rigid: Floats, out: Single, rest: Floats | None, more: list[dict[str, NDArray]] | None = None
+    ) -> None:
         native = kernels()
         if native is None:
-            self._run_numpy(rigid, out, rest, mix)
+            self._run_numpy(rigid, out, rest)
             return
         table, steps, agree, bases = self._table(native, rigid)
+        linear = None if more is None else native.linear_table(rigid, True)
         flat = out.reshape(len(out), -1, 12) if out.ndim == 4 else out
-        mix = None if mix is None else np.ascontiguousarray(mix)
         for i, b in enumerate(self.buckets):
             points = b.rest if rest is None else b.lay(rest)
             base = None if bases is None else self.bases[i]
-            shape = (b.joint, b.weight, b.uniform, b.target, b.count)
-            native.rigid(table, steps, agree, bases, base, points, *shape, mix, flat, self.threads)
+            extra = {} if more is None else more[i]
+            native.rigid(
+                table, steps, agree, bases, base, points, b.joint, b.weight, b.target, b.count, flat, linear=linear,
+                threads=self.threads, **extra,
+            )  # fmt: skip
 
     def _table(self, native: ModuleType, rigid: Floats) -> tuple[Single, int, NDArray | None, Single | None]:
         """What the kernel blends: dual quaternions, or half twists (steps -1) with their base motions."""
-        if self.kind in ("log", "dual-quaternion"):
-            tree, left = self.rows.chain
-            table, agree = native.dual_table(rigid, tree, left, self.follow)
+        tree, left = self.rows.chain
+        if self.kind in SIGNED:
+            table, agree = native.dual_table(rigid, tree, left, self.follow, self.memory)
             return table, self.steps if self.kind == "log" else 0, agree, None
-        duals = joint_duals(rigid)
         if self.kind == "log-pair":
-            return half(twins.pair_twists(self.rows.pairs[0], duals)), -1, None, duals.astype(np.float32)
-        return half(twins.joint_twists(duals)), -1, None, None
+            twists, duals = native.twist_table(rigid, tree, left, self.follow, self.memory, self.rows.pairs[0])
+            return twists, -1, None, duals
+        joints = self.rows.joints
+        from_rest = np.stack([np.full(joints + 1, joints), np.arange(joints + 1)], axis=1).astype(np.int32)
+        return native.twist_table(rigid, tree[:0], left[:0], False, None, from_rest)[0], -1, None, None
 
-    def _run_numpy(self, rigid: Floats, out: Single, rest: Floats | None, mix: Single | None) -> None:
+    def _run_numpy(self, rigid: Floats, out: Single, rest: Floats | None) -> None:
         points = self.body.skin.rest if rest is None else rest
         for f, dual in enumerate(self._blend(rigid)):
             frame = to_frame(dual)
-            if out.ndim == 4:
-                out[f] = frame
-            elif mix is None:
-                out[f] = apply(frame, points)
-            else:
-                out[f] += mix[f][:, None] * (apply(frame, points) - out[f])
+            out[f] = frame if out.ndim == 4 else apply(frame, points)
 
     def _blend(self, rigid: Floats) -> list[Floats]:
         duals = joint_duals(rigid)
-        if self.kind == "log-pair":
-            return [twins.log_pair(self.rows, d) for d in duals]
         if self.kind == "log-absolute":
             return [twins.log_absolute(self.rows, d) for d in duals]
         steps = self.steps if self.kind == "log" else 0
-        duals, agree = choose_signs(duals, self.rows, follow=self.follow)
+        duals, agree = choose_signs(duals, self.rows, follow=self.follow, memory=self.memory)
+        if self.kind == "log-pair":
+            return [twins.log_pair(self.rows, d, signed=bool(a)) for d, a in zip(duals, agree, strict=True)]
         return [twins.log(self.rows, d, steps, signed=bool(a)) for d, a in zip(duals, agree, strict=True)]
 
 
-def half(twists: Floats) -> Single:
-    """Twists (...,6) as the kernel wants them, (...,8): half of each part, and a zero."""
-    out = np.zeros((*twists.shape[:-1], 8), np.float32)
-    out[..., :3], out[..., 4:7] = twists[..., :3] / 2, twists[..., 3:] / 2
-    return out
+@dataclass(frozen=True, eq=False)
+class Sets:
+    """Joint pairs in use (P,2), and sets of pairs: rows `row` (S+1,) of `pair`; `group` (V,) the set of each vertex.
+
+    A set fades from 0 to 1 while the largest angle of its pairs goes from `low` to `high` (P,) radians; `hard`: at once.
+    """
+
+    joints: Ints
+    row: Ints
+    pair: Ints
+    group: Ints
+    low: Floats
+    high: Floats
+    hard: bool
+
+    def shares(self, duals: Floats, agree: NDArray[np.bool_]) -> Single:
+        """(F,S) of dual quaternions (F,J+1,8), whose signs count in the frames that `agree`."""
+        a, b = self.joints[:, 0], self.joints[:, 1]
+        dots = np.sum(duals[:, a, :4] * duals[:, b, :4], axis=-1)
+        dots = np.where(agree[:, None], dots, np.abs(dots))
+        angle = 2 * np.arccos(np.clip(dots, -1.0, 1.0))
+        if self.hard:
+            share = (angle >= self.high).astype(np.float64)
+        else:
+            s = np.clip((angle - self.low) / np.maximum(self.high - self.low, 1e-300), 0.0, 1.0)
+            share = s * s * (3 - 2 * s)
+        share[:, self.high >= np.pi] = 0.0
+        share[:, self.high <= 0] = 1.0
+        out = np.zeros((len(duals), len(self.row) - 1), np.float32)
+        some = np.flatnonzero(np.diff(self.row))
+        if len(some):
+            out[:, some] = np.maximum.reduceat(share[:, self.pair], self.row[some], axis=1)
+        return out
 
 
 def apply(frames: Floats, points: Floats) -> Floats:

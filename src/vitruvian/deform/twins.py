@@ -47,10 +47,10 @@ def log(rows: Influences, duals: Floats, steps: int, *, signed: bool = False) ->
     return blend
 
 
-def log_pair(rows: Influences, duals: Floats) -> Floats:
+def log_pair(rows: Influences, duals: Floats, *, signed: bool = False) -> Floats:
     """M_b exp(sum w log(M_b^-1 M)), b the joint with the largest weight, (V,8)."""
     pairs, of_entry = rows.pairs
-    blend = rows.sum @ pair_twists(pairs, duals)[of_entry]
+    blend = rows.sum @ pair_twists(pairs, duals, signed=signed)[of_entry]
     return se3.product(duals[rows.joint[rows.row[:-1]]], se3.exp(blend))
 
 
@@ -59,10 +59,10 @@ def log_absolute(rows: Influences, duals: Floats) -> Floats:
     return se3.exp(rows.sum @ joint_twists(duals)[rows.joint])
 
 
-def pair_twists(pairs: Ints, duals: Floats) -> Floats:
-    """(...,P,6) twists log(M_a^-1 M_b), the short way, of pairs (P,2)."""
+def pair_twists(pairs: Ints, duals: Floats, *, signed: bool = False) -> Floats:
+    """(...,P,6) twists log(M_a^-1 M_b) of pairs (P,2): as the signs say, or the short way."""
     relative = se3.product(se3.reverse(duals[..., pairs[:, 0], :]), duals[..., pairs[:, 1], :])
-    return joint_twists(relative)
+    return se3.log(relative) if signed else joint_twists(relative)
 
 
 def joint_twists(duals: Floats) -> Floats:

@@ -2,8 +2,9 @@
 
 Blending rigid motions lets the outside of a bend bulge, because the sections on both sides of a joint swing about the
 joint as they turn. Here the rotation R of "log" is kept, and the section's centre c goes where the bone goes:
-p' = R (p - c) + sum v_i M_i c, with v_i the squares of the weights, made to sum to one. The centre is the vertex's foot on
-the bones of its joints. An influence divided between two joints that move alike carries less than before.
+p' = R (p - c) + sum v_i M_i c. The centre is the vertex's foot on the bones of its joints. v_i, which sum to one, are the
+squares of the weights times how far the centre lies on the bone of joint i. An influence divided between two joints that
+move alike carries less than before. Where no section is one limb's (shoulders) the result fades to "log".
 
 Related: B. Le and J. Hodgins, "Real-time skeletal skinning with optimized centers of rotation" (2016), whose centres come
 from the weights alone.
@@ -17,13 +18,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats
-from vitruvian.deform.bind import Influences
+from vitruvian.body.rotations import unit
+from vitruvian.body.types import Body, Floats, Ints
+from vitruvian.deform.bind import DUAL, Influences
 from vitruvian.deform.operators import Linear, Rigid, apply
 
 Single = NDArray[np.float32]
 SHARP = 2  # power of the weights that carry the centres: more follows the bone closer and loses more volume
-SMOOTH = 8  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
+LEAST = 0.02  # what an influence counts for far from its bone
+SOFT = 0.6  # radii on each side of a joint over which centres change bones
+SQUARE, STRAIGHT = (0.0, 0.3), (0.34, 0.87)  # cosines between a bone and the next: see `_straightness`
+EDGE = 8.0  # how fast a joint counts with its weight
+BLUR = 6  # rounds in which neighbouring shares are averaged
+SMOOTH = 3  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +48,17 @@ class Volume:
         return _averaged(mean, body, SMOOTH)
 
     @cached_property
+    def share(self) -> Floats:
+        """(V,) how much of this the vertex gets, the rest of "log": all where sections are clear, see `_straightness`."""
+        body, rows = self.rigid.body, self.rigid.rows
+        straight = np.append(_straightness(body), 1.0)
+        above = _above(body, rows)
+        part = np.where(above >= 0, np.clip(EDGE * rows.weight * (1 - rows.weight), 0, 1), 0.0)
+        out = np.ones(len(rows))
+        np.multiply.at(out, rows.vertex, 1 - part * (1 - straight[rows.joint]))
+        return np.clip(_averaged(out[:, None], body, BLUR)[:, 0], 0, 1)
+
+    @cached_property
     def turned(self) -> Rigid:
         """The rotation of each vertex, at its centre."""
         body = self.rigid.body
@@ -51,7 +69,8 @@ class Volume:
         """The centres on their bones."""
         rows = self.rigid.rows
         moving = rows.joint < rows.joints  # the influence that does not move is what linear weights lack to one
-        plain, sharp = np.where(moving, rows.weight, 0), np.where(moving, rows.weight**SHARP, 0)
+        near = _membership(self.rigid.body, rows, self.center)
+        plain, sharp = np.where(moving, rows.weight, 0), np.where(moving, rows.weight**SHARP * (near + LEAST), 0)
         add = lambda values: np.bincount(rows.vertex, values, minlength=len(rows))[rows.vertex]  # noqa: E731
         total = add(sharp)
         weight = sharp * add(plain) / np.where(total > 0, total, 1)
@@ -60,20 +79,120 @@ class Volume:
         kept = Influences(row, rows.joint[moving], weight[moving], rows.joints)
         return Linear(kept, self.center, self.rigid.threads)
 
+    @cached_property
+    def laid(self) -> list[dict[str, NDArray]]:
+        """Centres, and the weights that carry them, as the kernel wants them."""
+        kept = self.carried.rows
+        out = []
+        for b in self.rigid.buckets:
+            joint = b.joint // DUAL
+            joint = np.repeat(joint[:, :, None], b.lanes, axis=2) if b.shared else joint
+            vertex = b.vertices.reshape(-1, 1, b.lanes)
+            carry = np.where(b.weight > 0, _look_up(kept, vertex, joint), 0)
+            out.append(
+                {
+                    "center": b.lay(self.center),
+                    "carry": np.ascontiguousarray(carry, dtype=np.float32),
+                    "share": self.share[None].astype(np.float32),
+                    "set": b.vertices.astype(np.int32),
+                }
+            )
+        return out
+
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
+        if self.rigid.centred(matrices, out, rest, self.laid):
+            return
         self.rigid.points(matrices, out, rest)
-        out -= self._placed(self.turned, matrices)
-        out += self._placed(self.carried, matrices)
+        moved = self._placed(self.carried, matrices) - self._placed(self.turned, matrices)
+        out += self.share.astype(np.float32)[:, None] * moved
 
     def frames(self, matrices: Floats, out: Single) -> None:
         self.rigid.frames(matrices, out)
         here = np.stack([apply(frame.astype(np.float64), self.center) for frame in out])
-        out[..., 3] += self._placed(self.carried, matrices) - here
+        out[..., 3] += self.share[:, None] * (self._placed(self.carried, matrices) - here)
 
     def _placed(self, operator: Linear | Rigid, matrices: Floats) -> Single:
         out = np.empty((len(matrices), len(self.center), 3), np.float32)
         operator.points(matrices, out)
         return out
+
+
+def _membership(body: Body, rows: Influences, center: Floats) -> Floats:
+    """(n,) for each influence: how far the centre of its vertex lies past its joint and before the next ones, 0..1.
+
+    Skin weights say how a section turns; they may be far from one half at the joint, and differ round a section. Where
+    its centre belongs is told by the joints alone: bones change over at a joint, within a part of the radius.
+    """
+    skeleton = body.skeleton
+    centers, parents = skeleton.centers, skeleton.parents
+    count = len(skeleton)
+    way = np.zeros((count + 1, 3))  # along the limb at each joint
+    for j in range(count):
+        bones = [unit(centers[k] - centers[j]) for k in np.flatnonzero(parents == j)]
+        out = np.sum(bones, axis=0) if bones else np.zeros(3)
+        if parents[j] >= 0:
+            into = unit(centers[j] - centers[parents[j]])
+            out = into + (unit(out) if np.linalg.norm(out) > 1e-9 else into)
+        way[j] = unit(out) if np.linalg.norm(out) > 1e-9 else 0.0
+    above = _above(body, rows)
+    radius = np.maximum(np.linalg.norm(body.skin.rest - center, axis=1), 1e-3)[rows.vertex] * SOFT
+    past = np.einsum("na,na->n", center[rows.vertex] - np.vstack([centers, centers[:1]])[rows.joint], way[rows.joint])
+    s = np.clip((past / radius + 1) / 2, 0.0, 1.0)
+    s = s * s * (3 - 2 * s)
+    has = np.flatnonzero(above >= 0)
+    before = np.ones(len(above))
+    np.multiply.at(before, above[has], 1 - s[has])
+    return np.where(above >= 0, s, 1.0) * before
+
+
+def _above(body: Body, rows: Influences) -> NDArray[np.int64]:
+    """(n,) for each influence: the influence of the same vertex by the nearest joint up the tree, -1 for none."""
+    parents, count = body.skeleton.parents, len(body.skeleton)
+    key = rows.vertex.astype(np.int64) * (count + 1) + rows.joint
+    order = np.argsort(key)
+    above = np.full(len(key), -1, np.int64)  # the entry of the nearest joint up the tree that moves the vertex too
+    parent = np.append(parents, -1)
+    up = parent[rows.joint]
+    for _ in range(count):
+        seek = np.flatnonzero((above < 0) & (up >= 0))
+        if not len(seek):
+            break
+        wanted = rows.vertex[seek].astype(np.int64) * (count + 1) + up[seek]
+        at = np.minimum(np.searchsorted(key, wanted, sorter=order), len(key) - 1)
+        hit = key[order[at]] == wanted
+        above[seek[hit]] = order[at[hit]]
+        up[seek] = parent[up[seek]]
+    return above
+
+
+def _straightness(body: Body) -> Floats:
+    """(J,) how clear the sections round a joint are: 1 where the limb goes straight on at rest (elbow, knee, finger), and
+    where it goes off square (hip); less in between (shoulder), where it lies along what it hangs on."""
+    centers, parents = body.skeleton.centers, body.skeleton.parents
+    out = np.ones(len(parents))
+    for j, parent in enumerate(parents):
+        into = unit(centers[j] - centers[parent]) if parent >= 0 else np.zeros(3)
+        bones = [float(unit(centers[k] - centers[j]) @ into) for k in np.flatnonzero(parents == j)]
+        if parent >= 0 and bones:
+            out[j] = max(_smooth(max(bones), *STRAIGHT), 1 - _smooth(max(bones), *SQUARE))
+    return out
+
+
+def _smooth(x: float, low: float, high: float) -> float:
+    t = min(max((x - low) / (high - low), 0.0), 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def _look_up(rows: Influences, vertex: Ints, joint: Ints) -> Floats:
+    """Weights of joints on vertices, arrays of one shape; zero where a joint has none."""
+    vertex, joint = np.broadcast_arrays(vertex.astype(np.int64), joint)
+    size = rows.joints + 1
+    known = rows.vertex.astype(np.int64) * size + rows.joint
+    order = np.argsort(known)
+    wanted = (vertex * size + joint).ravel()
+    at = np.minimum(np.searchsorted(known, wanted, sorter=order), max(len(known) - 1, 0))
+    found = order[at]
+    return np.where(known[found] == wanted, rows.weight[found], 0.0).reshape(vertex.shape)
 
 
 def _feet(body: Body, rows: Influences) -> Floats:

@@ -265,8 +265,16 @@ def _morphs(doc: Document, mesh: dict[str, Any], body: Body, source: NDArray, re
             continue
         targets.append({"POSITION": doc.add_sparse(len(source), drawn, total[source[drawn]])})
         names.append(morph.name)
-        owners.append({"joint": body.skeleton.names[morph.joint]})
+        owner: dict[str, Any] = {"joint": body.skeleton.names[morph.joint]}
+        if morph.drive is not None:
+            d = morph.drive
+            owner["driver"] = {"joint": body.skeleton.names[d.joint], "axis": d.axis.tolist(),
+                               "angles": d.angles.tolist(), "weights": d.weights.tolist()}  # fmt: skip
+        owners.append(owner)
         weights.append(float(morph.weight))
+    led = sum("driver" in owner for owner in owners)
+    if led:
+        report["lost"].append(f"{led} displacers follow a joint's angle, which other programs do not know")
     if targets:
         for primitive in mesh["primitives"]:
             primitive["targets"] = targets

@@ -21,6 +21,7 @@ from vitruvian.formats.gltf_pictures import warn_pictures
 from vitruvian.formats.gltf_rig import Rig, figures, nearest, solid
 from vitruvian.formats.vrm_tables import info_of, preset_names
 from vitruvian.hanim import tables
+from vitruvian.hanim.drivers import MOST, Driver, drive
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Site
 from vitruvian.motion.rigs import Names, own_names
 from vitruvian.motion.types import Motion
@@ -197,9 +198,13 @@ def _owners(
     for (node, k), number in surface.origin.items():
         mesh = file.mesh_of(node)
         items = file.objects(file.object(file.object(mesh, "extras"), "hanim"), "displacers")
-        joint = by_name.get(str(items[k].get("joint"))) if k < len(items) else None
+        item = items[k] if k < len(items) else {}
+        joint = by_name.get(str(item.get("joint")))
         if joint is not None:
             said[number] = joint
+        displacer = moves[number]
+        if displacer is not None and "driver" in item:
+            _lead(file, displacer, file.object(item, "driver"))
     size = max((int(j.skin_coord_index.max(initial=-1)) for j in joints), default=-1) + 1
     out = []
     for number, displacer in enumerate(moves):
@@ -211,6 +216,20 @@ def _owners(
         shares = [float(j.skin_coord_weight @ length[j.skin_coord_index]) for j in joints]
         out.append(joints[int(np.argmax(shares))])
     return out
+
+
+def _lead(file: GltfFile, displacer: Displacer, left: dict[str, Any]) -> None:
+    """The driver that our writer left; one that makes no sense is left out, with a warning."""
+    where = f"displacer {displacer.name}"
+    try:
+        arrays = {}
+        for name in ("axis", "angles", "weights"):
+            values = left.get(name)
+            length = len(values) if isinstance(values, list) else 0
+            arrays[name] = file.numbers(left, name, where, (0.0,) * min(length, MOST + 1))
+        drive(displacer, Driver(file.text(left, "joint"), **arrays))
+    except VitruvianError as error:
+        warn(f"{file.path}: {where}: {error}; it is left out")
 
 
 # what our own writer left

@@ -267,4 +267,13 @@ def pose_blocks(actor: Actor, pose: NDArray[np.float32], weights: NDArray[np.flo
         joint = actor.body.skeleton.names[int(np.flatnonzero(~np.isfinite(pose).all(axis=1))[0])]
         raise VitruvianError(f"pose of {actor.name}: expected finite matrices, found {joint} without")
     blocks = [Block("pose", pose, actor.name)]
+    if any(m.drive for m in actor.body.skin.morphs):  # the page does not know what drives them
+        from vitruvian.deform.morphs import driven
+
+        matrices = np.zeros((1, len(pose), 4, 4))
+        matrices[0, :, :3] = pose.reshape(-1, 3, 4)
+        weights = weights.copy()
+        for i, morph in enumerate(actor.body.skin.morphs):
+            if morph.drive is not None:
+                weights[i] += driven(morph.drive, matrices, int(actor.body.skeleton.parents[morph.drive.joint]))[0]
     return [*blocks, Block("displacers", weights, actor.name)] if weights.size else blocks
