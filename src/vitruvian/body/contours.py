@@ -135,14 +135,15 @@ def limb(
     mitre: float = 0.0,
     ramp: str = "linear",
     axes: Floats | None = None,
-    spread: tuple[bool, bool] = (False, False),
+    spread: tuple[bool, bool | None] = (False, None),
     closed: bool = True,
 ) -> Contours:
     """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
 
     Zones that overlap turn with both joints, the distal one first. `axes` (2,3): the bones below the two joints; with
-    `spread` the part of a joint's rotation about its bone is spread evenly over all of the surface below it, so that a
-    turned shoulder winds the upper arm instead of its seam; two flags, for the own and for the distal joint.
+    `spread` the part of a joint's rotation about its bone is spread evenly over all of a surface: (own, distal). The own
+    joint's over this surface, so that a turned shoulder winds the upper arm instead of its seam; the distal one's over
+    this surface too (True: a turned hand winds the forearm), or over the next one (False); None: it is not split.
     Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
@@ -163,8 +164,8 @@ def limb(
     twist = np.full((count, len(joints)), np.nan)
     if spread[0]:
         twist[:, 0] = np.clip((np.arange(count) - fixed) / max(count - 1 - fixed, 1), 0.0, 1.0)
-    if spread[1] and distal is not None:
-        twist[:, 1] = 0.0
+    if spread[1] is not None and distal is not None:
+        twist[:, 1] = np.arange(count) / max(count - 1, 1) if spread[1] else 0.0
     bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
     return Contours(
         name,
@@ -181,13 +182,14 @@ def limb(
 
 
 def spine_shares(
-    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep"
+    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep", stand: bool = True
 ) -> tuple[Floats, Floats]:
     """(C,n) swing and (C,n) twist shares of a torso's contours at `heights` (C,), neck first.
 
     `centers` (n,) heights of the spine's joints, lowest first. The zone of a joint reaches half way to its neighbours;
     its bend grows across the zone and is whole above. Its twist is spread from the torso's bottom to the start of the
-    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it.
+    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it. `stand`: the
+    lowest contour stays with what the torso stands on; else what is below bends with it, and zones go on there.
     """
     centers = np.asarray(centers, dtype=np.float64)
     require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)
@@ -196,8 +198,8 @@ def spine_shares(
     low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
     high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
     h = np.asarray(heights, dtype=np.float64)[:, None]
-    bottom = float(h.min())
-    low = np.maximum(low, bottom)  # the lowest contour stays with what the torso stands on
+    bottom = float(h.min()) if stand else float(min(h.min(), low[0]))
+    low = np.maximum(low, bottom)
     high = np.maximum(high, low + step / 4)
     swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
     reach = low - bottom

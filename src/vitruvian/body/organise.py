@@ -16,6 +16,7 @@ from vitruvian.hanim.humanoid import ContourSurface
 from vitruvian.hanim.tables import canonical
 
 SPINE = (*(f"vl{i}" for i in range(5, 0, -1)), *(f"vt{i}" for i in range(12, 0, -1)))
+SAME = 1e-6  # metres within which points of neighbouring surfaces are one
 NECK = tuple(f"vc{i}" for i in range(7, 0, -1))
 
 
@@ -35,21 +36,53 @@ def organised(surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Sk
             chain = [index[n] for n in NECK if n in index]
             out.append(_neck(joint, surface, numbers, skeleton, chain, index.get("skullbase")))
         else:
-            out.append(_limb(joint, surface, numbers, skeleton, spread))
+            out.append(_limb(joint, surface, numbers, skeleton, {j for j, _, _ in surfaces}, spread))
     return tuple(out)
 
 
-def _limb(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, spread: set[int]) -> Contours:
+def joined(points: Floats, contours: Sequence[Contours]) -> Floats:
+    """Rest points (V,3) with those that lie within a micrometre of a contour's end or side moved onto it.
+
+    Files round: so what was one point stays one, to the bit.
+    """
+    from scipy.spatial import cKDTree
+
+    edge = [s.vertices[[0, -1]].ravel() for s in contours]
+    edge += [s.vertices[:, [0, -1]].ravel() for s in contours if not s.closed]
+    if not edge or not len(points):
+        return points
+    edges = np.unique(np.concatenate(edge))
+    out = points.copy()
+    pairs = cKDTree(points[edges]).query_pairs(SAME, output_type="ndarray")
+    for a, b in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist() if len(pairs) else []:
+        out[edges[b]] = out[edges[a]]
+    outside = np.ones(len(points), bool)
+    for s in contours:
+        outside[s.vertices] = False
+    others = np.flatnonzero(outside)
+    if len(others):
+        distance, nearest = cKDTree(points[edges]).query(points[others], distance_upper_bound=SAME)
+        near = np.isfinite(distance)
+        out[others[near]] = out[edges[nearest[near]]]
+    return out
+
+
+def _limb(
+    joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, surfaces: set[int], spread: set[int]
+) -> Contours:
     children = np.flatnonzero(skeleton.parents == joint)
     last = s.points[-1].mean(axis=0)
     distal = None
     if s.lower and len(children):
         distal = int(children[np.argmin(np.linalg.norm(skeleton.centers[children] - last, axis=1))])
     own = _bone(skeleton, joint, last)
-    axes = np.stack([own, own if distal is None else _bone(skeleton, distal, None)])
+    below = distal is not None and distal in spread
+    # a joint without contours of its own (wrist, ankle) winds those above it
+    winds = None if distal is None else False if below else True if s.spread and distal not in surfaces else None
+    axes = np.stack([own, _bone(skeleton, distal, None) if below and distal is not None else own])
     return limb(
         s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
-        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, distal in spread), closed=s.closed,
+        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, winds), closed=s.closed,
     )  # fmt: skip
 
 
@@ -67,12 +100,13 @@ def _bone(skeleton: Skeleton, joint: int, end: Floats | None) -> Floats:
 
 
 def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, chain: list[int]) -> Contours:
-    heights = s.points[:, :, 1].mean(axis=1)
-    centers = skeleton.centers[chain][:, 1]
-    low, bottom, top = centers[0] - 0.01, heights.min(), heights.max()
-    # Zones are squeezed into what the surface covers: it ends above the hips, which bend otherwise.
-    squeezed = low + (heights - bottom) * (top - low) / max(top - bottom, 1e-9)
-    swing, twist = spine_shares(squeezed, centers, extra=s.extra)
+    """`lower`: over so many of the lowest contours the spine's turns are brought to nothing."""
+    ends = s.points[:, [0, -1]] if not s.closed else s.points  # those that the front shares with the back
+    heights = ends[:, :, 1].mean(axis=1)
+    swing, twist = spine_shares(heights, skeleton.centers[chain][:, 1], extra=s.extra, stand=s.lower > 0)
+    if s.lower:
+        near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
+        swing, twist = swing * near, twist * near
     return Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
 
 

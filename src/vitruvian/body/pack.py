@@ -13,7 +13,7 @@ import numpy as np
 
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.kinematics import transform_matrix
-from vitruvian.body.organise import equivalent, organised
+from vitruvian.body.organise import equivalent, joined, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
@@ -209,6 +209,8 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
                 morphs += [m for d in holder.displacers for m in _segment_morphs(d, holder, starts, i)]
 
     contours = _contours(surface, joints, skeleton)
+    if contours:
+        surface.points = [joined(np.concatenate(surface.points), contours)]
     for packed in contours:
         parent = max(int(skeleton.parents[packed.joints[0]]), 0)
         owners, values = equivalent(packed, parent)

@@ -20,11 +20,13 @@ from vitruvian.body.contours import Contours
 from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
 from vitruvian.body.types import Body, Floats, Ints, Weights
 from vitruvian.deform.bind import Influences, bind
+from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
 from vitruvian.deform.operators import Linear, Rigid
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
+ROUND = 0.3  # of "log" in what skins vertices outside the contours, the rest is "linear": shoulders swell less
 LIMIT = 1.5  # how much a mitre may widen
 
 
@@ -278,6 +280,27 @@ def _vector(q: Floats) -> Floats:
     return q[..., :3] * np.where(length < 1e-12, 2.0, angle / np.where(length < 1e-12, 1.0, length))
 
 
+def ties(body: Body) -> tuple[Ints, Ints]:
+    """(n,) vertices outside all contours that lie on a contour's point, and (n,) that point: both move as one.
+
+    Only the ends of surfaces, and the sides of open ones, are looked at; equal to the bit, as `pack` makes them.
+    """
+    if not body.contours:
+        return np.zeros(0, np.int32), np.zeros(0, np.int32)
+    rest = body.skin.rest
+    outside = np.ones(len(rest), bool)
+    edge = []
+    for s in body.contours:
+        outside[s.vertices] = False
+        edge += [s.vertices[0], s.vertices[-1]]
+        if not s.closed:
+            edge += [s.vertices[:, 0], s.vertices[:, -1]]
+    place = {p.tobytes(): int(v) for v in np.concatenate(edge) for p in (rest[v],)}
+    found = [(int(v), place[p.tobytes()]) for v in np.flatnonzero(outside) for p in (rest[v],) if p.tobytes() in place]
+    pairs = np.array(found, np.int32).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]
+
+
 @dataclass(frozen=True, eq=False)
 class ContourOperator:
     """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces.
@@ -308,7 +331,33 @@ class ContourOperator:
         for surface in self.body.contours:
             out[surface.vertices] = first + np.arange(len(surface))[:, None]
             first += len(surface)
+        skin, edge = np.array(ties(self.body), np.int64).reshape(2, -1)
+        out[skin] = out[edge]
         return out
+
+    @cached_property
+    def seen(self) -> tuple[Ints, Program] | None:
+        """Joints that vertices outside the contours see turned otherwise, and how: without the twist that contours
+        sewn to them spread below, and with the twist that contours have taken up above."""
+        found = {}
+        sewn = np.zeros(len(self.body.skin.rest), bool)
+        sewn[ties(self.body)[1]] = True
+        for s in self.body.contours:
+            if s.name in self.off or s.joint != s.joints[0]:
+                continue
+            whole = np.ones((1, len(s.joints)))
+            if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and sewn[s.vertices[0]].any():
+                keep, swing, twist = 1, whole[:, :1], np.zeros((1, 1))
+            elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and sewn[s.vertices[-1]].any():
+                keep, swing, twist = 2, np.array([[1.0, 0.0]]), np.ones((1, 2))
+            else:
+                continue
+            found[s.joint] = Contours(
+                s.name, s.joint, s.vertices[:1], s.joints[:keep], swing, twist, s.axes[:keep]
+            )  # fmt: skip
+        if not found:
+            return None
+        return np.array(list(found), np.int32), program(self.body, list(found.values()))
 
     @cached_property
     def carried(self) -> Linear:
@@ -337,7 +386,7 @@ class ContourOperator:
         return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
 
     @cached_property
-    def blended(self) -> Rigid:
+    def blended(self) -> Painted:
         skin, chosen = self.body.skin, self.rest_of_skin
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
@@ -348,7 +397,9 @@ class ContourOperator:
                        uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
         body = replace(self.body, skin=part, contours=())
         rows = bind(some, len(body.skeleton), rigid=True)
-        return Rigid("log", body, rows, 1, self.follow, self.threads)
+        linear = Linear(bind(some, len(body.skeleton)), part.rest, self.threads)
+        rigid = Rigid("log", body, rows, 1, self.follow, self.threads)
+        return Painted(linear, rigid, np.full(len(chosen), ROUND, np.float32))
 
     @cached_property
     def stretch(self) -> Linear:
@@ -359,10 +410,14 @@ class ContourOperator:
         if native is None or native.deviation(matrices) > RIGID:
             used = np.arange(len(self.body.skeleton), dtype=np.int32)
             matrices, stretches = factor(matrices, self.body.skeleton, used)
-        both = motions(self.program, matrices, follow=self.follow)
+        both, joints = motions(self.program, matrices, follow=self.follow), matrices.shape[1]
         if self.survey:
-            joints = matrices.shape[1]
             both[:, joints:] = surveyed(both[:, joints:], self.program, self.slabs)
+        if self.seen is not None:
+            own, turns = self.seen
+            matrices = matrices.copy()
+            matrices[:, own] = motions(turns, matrices, follow=self.follow)[:, joints:]
+            both[:, :joints] = matrices
         return both, matrices, stretches
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
