@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vitruvian.body.contours import Contours
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Skin
+from vitruvian.body.types import Body, Floats, Part, Skin
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import FRONT, Cuts, smooth, unit
@@ -272,9 +272,9 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     joints = [copies[id(j)] for j in order]
     for m in made:
         _segment(joints[m.joint]).contours.append(m.surface)
-    skin_look = _skin_look(humanoid)
+    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
     for m in made:
-        m.surface.material = skin_look
+        m.surface.material = _look(cuts.skin, m, looks)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
     if pieces is None:
         _keep_segments(cuts, order, joints)
@@ -286,7 +286,6 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
         joint.skin_coord_weight = weights.weight[mine]
     for morph in pieces.morphs:
         joints[morph.joint].displacers.append(Displacer(morph.name, morph.index, morph.offset, morph.weight))
-    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
     shapes = []
     for part in pieces.parts:
         look = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity,
@@ -332,12 +331,13 @@ def _shapes(humanoid: Humanoid) -> list[Shape]:
     return [*humanoid.skin, *(shape for s in humanoid.segments() for shape in s.shapes)]
 
 
-def _skin_look(humanoid: Humanoid) -> Material:
-    """What contour surfaces look like: white where points have colours, matt as cloth and skin are, seen from both
-    sides."""
-    shapes = _shapes(humanoid)
-    color = shapes[0].material.color if shapes else (0.8, 0.8, 0.8)
-    return Material("contours", color, roughness=0.65, double_sided=True)
+def _look(skin: Skin, made: Made, looks: dict[str, Material]) -> Material:
+    """What a surface looks like: as the part that most of its points lie on, seen from both sides."""
+    face = made.rings.face[made.rings.face >= 0]
+    number = np.searchsorted([p.stop for p in skin.parts], face, side="right")
+    part = skin.parts[int(np.bincount(number).argmax())] if len(face) else Part("contours", 0, 0)
+    found = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity)
+    return replace(found, name=part.name, double_sided=True, node=None)
 
 
 def _colors(skin: Skin, made: Rings) -> Floats | None:

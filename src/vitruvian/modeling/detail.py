@@ -39,12 +39,14 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
     parts: list[Part] = []
-    named = {s.name: (s, r, c) for s, r, c in grids}
+    owner = np.full(len(skin.rest), -1)
+    for number, (surface, _, _) in enumerate(grids):
+        owner[surface.vertices] = number
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
-        if part.name in named and owned[faces].all():
-            surface, rows, columns = named[part.name]
+        if len(faces) and owned[faces].all():
+            surface, rows, columns = grids[owner[faces[0, 0]]]
             faces = grid(place[surface.vertices[np.ix_(rows, columns)]].astype(np.int32), surface.closed)
         else:
             faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)

@@ -168,10 +168,10 @@ class Cloth:
             self.uv = np.concatenate([self.uv, own])
         a = loop.angles - loop.angles[0]
         b = _angle(self.rest[line] - loop.beyond, loop) - loop.angles[0]
-        b = np.unwrap(b - 2 * np.pi * np.floor(b[0] / (2 * np.pi)))
-        if b[0] > np.pi:
-            b -= 2 * np.pi
-        b = np.maximum.accumulate(b)
+        start = int(np.argmin(np.abs(np.angle(np.exp(1j * b)))))  # beside the contour's first point
+        line, b = np.roll(line, -start), np.roll(b, -start)
+        b = np.unwrap(b)
+        b = np.maximum.accumulate(b - 2 * np.pi * np.round(b[0] / (2 * np.pi)))
         a, b = np.append(a, 2 * np.pi), np.append(b, max(b[0] + 2 * np.pi, b[-1]))
         i = j = 0
         faces = []
