@@ -103,11 +103,17 @@ def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, cha
     """`lower`: over so many of the lowest contours the spine's turns are brought to nothing."""
     ends = s.points[:, [0, -1]] if not s.closed else s.points  # those that the front shares with the back
     heights = ends[:, :, 1].mean(axis=1)
-    swing, twist = spine_shares(heights, skeleton.centers[chain][:, 1], extra=s.extra, stand=s.lower > 0)
+    swing, twist = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]), extra=s.extra, stand=s.lower > 0)
     if s.lower:
         near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
         swing, twist = swing * near, twist * near
     return Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
+
+
+def _rising(heights: Floats) -> Floats:
+    """Heights of a chain's joints, each at least a trifle above the one before: files have vertebrae out of order."""
+    step = 1e-4 * max(float(np.ptp(heights)), 1e-6)
+    return np.maximum.accumulate(heights - np.arange(len(heights)) * step) + np.arange(len(heights)) * step
 
 
 def _neck(
@@ -119,7 +125,7 @@ def _neck(
     swing, twist = np.ones((count, len(joints))), np.full((count, len(joints)), np.nan)
     if chain:
         heights = s.points[:, :, 1].mean(axis=1)
-        bend, wind = spine_shares(heights, skeleton.centers[chain][:, 1])
+        bend, wind = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]))
         near = np.clip(3 * along, 0, 1)[:, None]
         swing[:, : len(chain)], twist[:, : len(chain)] = bend * near, wind * near
         swing[0, : len(chain)] = twist[0, : len(chain)] = 1  # at the skull all of the neck is bent

@@ -26,6 +26,8 @@ from vitruvian.modeling.slicing import Rings, rings
 from vitruvian.modeling.stitching import Cloth, Loop
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
+BEND = 1.0  # radii of a limb over which a joint bends it on each side: 115 degrees without a fold on the inside
+CLOSE = 0.5  # how much closer contours are at the ends of a limb than evenly spaced
 _WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes all of the joint's rotation there
 
 
@@ -115,8 +117,8 @@ def _limb(
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     axis, length = unit(end - start), float(np.linalg.norm(end - start))
-    step = length / (count - 1 - fixed)
-    s = np.arange(-fixed, count - fixed) * step / length
+    u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
+    s = np.where((u > 0) & (u < 1), u - CLOSE / (2 * np.pi) * np.sin(2 * np.pi * u), u * (1 - CLOSE * (u < 0)))
     t = np.clip(s, 0, 1)[:, None]
     normal = (1 - t) ** 2 * first + 2 * t * (1 - t) * axis + t**2 * last
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -124,12 +126,17 @@ def _limb(
     angles = np.arange(each) * 2 * np.pi / each
     made = rings(
         cuts.skin.rest, cuts.skin.triangles, cuts.triangles(spec.code + number), centers, normal, forward=FRONT,
-        angles=angles, name=f"{side}_{spec.name}",
+        angles=angles, name=f"{side}_{spec.name}", loose=cuts.segmented,
     )  # fmt: skip
-    ramp = int(np.clip(round(made.radius / step), 2, (count - fixed) // 2 - 1))
+    inward = 0.08 * np.arange(fixed, 0, -1)[:, None, None]  # what stands in the trunk stays below its surface
+    made.points[:fixed] += inward * (made.points[:fixed].mean(axis=1, keepdims=True) - made.points[:fixed])
+    wide = BEND * made.radius / length  # the bend takes so much of the surface at each end
+    most = (count - fixed) // 2 - 1
+    upper = int(np.clip(np.searchsorted(s[fixed:], wide), 2, most))
+    lower = int(np.clip(np.searchsorted(1 - s[::-1], wide), 2, most))
     whole = top and not fixed and _share(cuts, near, made) >= _WHOLE
     surface = ContourSurface(
-        f"{side}_{spec.name}_def", made.points, fixed_upper=fixed, upper=0 if whole else ramp + fixed, lower=ramp,
+        f"{side}_{spec.name}_def", made.points, fixed_upper=fixed, upper=0 if whole else upper + fixed, lower=lower,
         extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=_colors(cuts.skin, made),
         uv=_coordinates(cuts.skin, made),
     )  # fmt: skip
@@ -153,7 +160,7 @@ def _trunk(cuts: Cuts, density: float) -> list[Made]:
     around = np.arange(2 * (points - 1)) * np.pi / (points - 1) - np.pi / 2
     loops = rings(
         cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0), centers, axis, forward=FRONT, angles=around,
-        name="torso",
+        name="torso", loose=cuts.segmented,
     )  # fmt: skip
     colors, uv = _colors(cuts.skin, loops), _coordinates(cuts.skin, loops)
     joint = cuts.spine[0] if cuts.spine else max(int(cuts.body.skeleton.parents[cuts.index["l_shoulder"]]), 0)
@@ -181,7 +188,7 @@ def _neck(cuts: Cuts, density: float) -> Made:
     around = np.arange(points) * 2 * np.pi / points
     made = rings(
         cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, 1), centers, axis, forward=FRONT, angles=around,
-        name="neck",
+        name="neck", loose=cuts.segmented,
     )  # fmt: skip
     joint = cuts.neck[0] if cuts.neck else cuts.index["skullbase"]
     name = tables.canonical(cuts.body.skeleton.names[joint]) or "c7"
@@ -345,16 +352,19 @@ def _colors(skin: Skin, made: Rings) -> Floats | None:
     if skin.colors is None:
         return None
     face = made.face
-    known = np.where(face >= 0, face, -1)
     out = np.zeros((*face.shape, 3))
     some = face >= 0
     corner = skin.colors[skin.triangles[face[some]]]
     out[some] = np.einsum("nk,nkc->nc", made.barycentric[some], corner)
-    for k in range(len(out)):  # where nothing was met: the neighbour in the loop
-        good = np.flatnonzero(known[k] >= 0)
+    whole = np.flatnonzero(some.any(axis=1))
+    for k in range(len(out)):  # where nothing was met: the neighbour in the loop, the next loop
+        good = np.flatnonzero(some[k])
         if 0 < len(good) < face.shape[1]:
             for c in range(3):
                 out[k, :, c] = np.interp(np.arange(face.shape[1]), good, out[k, good, c], period=face.shape[1])
+    for k in np.flatnonzero(~some.any(axis=1)):
+        if len(whole):
+            out[k] = out[whole[np.argmin(np.abs(whole - k))]]
     return out
 
 

@@ -53,8 +53,8 @@ class Cuts:
         welded = _weld(skin.rest, 1e-6 * self.scale)
         morphs = tuple(_welded(m, welded) for m in skin.morphs)
         self.body = replace(body, skin=replace(skin, triangles=welded[skin.triangles], morphs=morphs))
-        self.region = self._regions()
         self.segmented = self._segmented()
+        self.region = self._regions()
         chosen = np.ones(len(skin.triangles), bool)
         for part in skin.parts:
             if ornament(part):
@@ -72,16 +72,22 @@ class Cuts:
         return self.centers[self.index[name]]
 
     def _regions(self) -> NDArray[np.int64]:
-        """(V,) 0 trunk, 1 head, 2/3 left/right arm, 4/5 hand, 6/7 leg, 8/9 foot: by the joint of largest weight."""
+        """(V,) 0 trunk, 1 head, 2/3 left/right arm, 4/5 hand, 6/7 leg, 8/9 foot: by the joint of largest weight.
+
+        The pelvis is the trunk's in a skin, and 10 in a figure of segments with a spine, where it stays as it is.
+        """
         skeleton, weights = self.body.skeleton, self.body.skin.weights
         start = {"skullbase": 1}
         for n, side in enumerate("lr"):
             start |= {f"{side}_shoulder": 2 + n, f"{side}_radiocarpal": 4 + n, f"{side}_hip": 6 + n}
             start |= {f"{side}_talocrural": 8 + n}
-        of_joint = np.zeros(len(skeleton), np.int64)
+        root = 10 if self.segmented and self.spine else 0
+        of_joint = np.full(len(skeleton), root, np.int64)
         begin = {self.index[name]: code for name, code in start.items() if name in self.index}
+        if root:
+            begin[self.spine[0]] = 0
         for j, parent in enumerate(skeleton.parents):
-            of_joint[j] = begin.get(j, of_joint[parent] if parent >= 0 else 0)
+            of_joint[j] = begin.get(j, of_joint[parent] if parent >= 0 else root)
         joint, weight = weights.top(1)
         return np.where(weight[:, 0] > 0, of_joint[joint[:, 0]], 0)
 

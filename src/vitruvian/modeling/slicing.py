@@ -119,11 +119,13 @@ def rings(
     forward: Floats,
     angles: Floats,
     name: str = "surface",
+    loose: bool = False,
 ) -> Rings:
     """Loops of points round `centers` (C,3), in the planes across unit `axis` (C,3), on the outermost surface.
 
     `chosen`: the triangles that may be met. `angles` (P,): directions in the planes, from `forward` on. Directions that
-    meet nothing get the radius of their neighbours. Raises VitruvianError, naming the surface, when more than half of
+    meet nothing get the radius of their neighbours. `loose`: where no loop goes round a centre, whatever is there counts,
+    as in surfaces of loose faces. Raises VitruvianError, naming the surface, when more than half of
     the planes meet no loop round their centre.
     """
     first, second = frames(axis, forward)
@@ -135,6 +137,8 @@ def rings(
     for k in range(count):
         cut = section(rest, faces, centers[k], axis[k], forward)
         keep = np.isin(cut.loop, cut.round)
+        if loose and not keep.any():
+            keep = np.ones(len(cut.loop), bool)
         if not keep.any():
             continue
         a, b = cut.segments[keep, 0], cut.segments[keep, 1]
