@@ -198,13 +198,16 @@ def spine_shares(
     low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
     high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
     h = np.asarray(heights, dtype=np.float64)[:, None]
-    bottom = float(h.min()) if stand else float(min(h.min(), low[0]))
-    low = np.maximum(low, bottom)
+    bottom = float(h.min())
+    if stand:
+        low = np.maximum(low, bottom)
     high = np.maximum(high, low + step / 4)
     swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
     reach = low - bottom
     spread = np.clip((h - bottom) / np.where(reach > 1e-9, reach, 1.0), 0, 1)
     twist = np.where(reach > 1e-9, spread, swing)
+    top = np.argmax(h)  # where the surface ends inside a zone, or below it, what is above takes the rest
+    twist *= np.where(twist[top] > 0, swing[top] / np.where(twist[top] > 0, twist[top], 1), 0)
     twist[:, 0] = swing[:, 0]
     swing[:extra] = 1
     twist[:extra] = 1

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from vitruvian.body.contours import Contours
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Part, Skin
+from vitruvian.body.types import Body, Floats, Part, Skin, require
+from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import FRONT, Cuts, smooth, unit
@@ -53,7 +54,13 @@ def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, d
     """
     body = pack(humanoid)
     cuts = Cuts(body)
-    made = _limbs(cuts, density, mitre, diversion) + _trunk(cuts, density)
+    made = _limbs(cuts, density, mitre, diversion)
+    for part in (_torso, _neck):
+        try:
+            made += part(cuts, density)
+        except VitruvianError as error:
+            _passed(cuts, error)
+    require(bool(made), "contours", "a segment with a surface round its bone", "none")
     error = _error(cuts.body, [m.surface for m in made])
     pieces = None if cuts.segmented else _pieces(cuts, made)
     return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error)
@@ -61,7 +68,8 @@ def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, d
 
 @dataclass(frozen=True)
 class Limb:
-    """A limb between two joints, by names without side: how it is sliced at density 1. `code`: its left region."""
+    """A limb between two joints, by names without side: how it is sliced at density 1. `code`: its left region;
+    `above`: the limb that it shares its first contour with."""
 
     name: str
     near: str
@@ -69,14 +77,14 @@ class Limb:
     code: int
     points: int
     contours: int
-    next_spread: bool
+    above: str = ""
 
 
 LIMBS = (
-    Limb("upperarm", "shoulder", "elbow", 2, 20, 16, True),
-    Limb("forearm", "elbow", "radiocarpal", 2, 20, 16, False),
-    Limb("thigh", "hip", "knee", 6, 26, 20, True),
-    Limb("calf", "knee", "talocrural", 6, 26, 18, False),
+    Limb("upperarm", "shoulder", "elbow", 2, 20, 16),
+    Limb("forearm", "elbow", "radiocarpal", 2, 20, 16, "upperarm"),
+    Limb("thigh", "hip", "knee", 6, 26, 20),
+    Limb("calf", "knee", "talocrural", 6, 26, 18, "thigh"),
 )
 
 
@@ -97,8 +105,13 @@ def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[M
     out: list[Made] = []
     for number, side in enumerate("lr"):
         for spec in LIMBS:
-            made = _limb(cuts, side, number, spec, density, mitre, diversion)
-            if spec.near in ("elbow", "knee"):  # a seam is one loop, of both surfaces
+            try:
+                made = _limb(cuts, side, number, spec, density, mitre, diversion)
+            except VitruvianError as error:
+                _passed(cuts, error)
+                continue
+            if spec.near in ("elbow", "knee") and out and out[-1].surface.name == f"{side}_{spec.above}_def":
+                # a seam is one loop, of both surfaces
                 above = out[-1].surface
                 made.surface.points[0] = above.points[-1]
                 for own, other in ((made.surface.colors, above.colors), (made.surface.uv, above.uv)):
@@ -144,14 +157,21 @@ def _limb(
     return Made(cuts.index[near], surface, made, centers, normal, angles, sewn)
 
 
+def _passed(cuts: Cuts, error: VitruvianError) -> None:
+    """Segments without a surface round their bone are said and left as they are; a skin has to have one."""
+    if not cuts.segmented:
+        raise error
+    warn(f"{error}; its segment stays as it is")
+
+
 def _share(cuts: Cuts, name: str, made: Rings) -> float:
     """How much of a joint's rotation the skin takes where its limb begins, by its weights."""
     face = made.face[0][made.face[0] >= 0]
     return float(cuts.share(name)[cuts.skin.triangles[face]].mean()) if len(face) else 1.0
 
 
-def _trunk(cuts: Cuts, density: float) -> list[Made]:
-    """The torso's front and back, and the neck."""
+def _torso(cuts: Cuts, density: float) -> list[Made]:
+    """The torso's front and back."""
     points, count = max(6, round(17 * density)), max(8, round(20 * density))
     (top, down), (low, _) = cuts.planes["top"], cuts.planes["vl5"]
     centers = top + np.linspace(0, 1, count)[:, None] * (low - top)
@@ -174,11 +194,13 @@ def _trunk(cuts: Cuts, density: float) -> list[Made]:
         )  # fmt: skip
         ends = name == "front" and not cuts.segmented
         out.append(Made(joint, surface, loops, centers, axis, around, (ends, ends)))
-    return out + ([_neck(cuts, density)] if "skullbase" in cuts.planes else [])
+    return out
 
 
-def _neck(cuts: Cuts, density: float) -> Made:
+def _neck(cuts: Cuts, density: float) -> list[Made]:
     """From the skull's plane to the base of the neck."""
+    if "skullbase" not in cuts.planes:
+        return []
     points, count = max(6, round(24 * density)), max(6, round(9 * density))
     (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
     s = np.linspace(0, 1, count)[:, None]
@@ -197,7 +219,7 @@ def _neck(cuts: Cuts, density: float) -> Made:
         f"{segment}_def", made.points, colors=_colors(cuts.skin, made), uv=_coordinates(cuts.skin, made)
     )
     sewn = not cuts.segmented
-    return Made(joint, surface, made, centers, axis, around, (sewn, sewn))
+    return [Made(joint, surface, made, centers, axis, around, (sewn, sewn))]
 
 
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
@@ -209,15 +231,13 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     loops = [_loop(cuts, m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
     for loop in loops:
         cloth.cut(loop)
-    cloth.without(_gone(cuts, cloth))
+    cloth.without(_gone(cuts, cloth, made))
     rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
     table = np.zeros((len(weights), len(skeleton)))
     table[weights.vertex, weights.joint] = weights.weight
     table = cloth.carried(table, rings_, loops)
     _hips(cuts, cloth.rest, table)
-    for n, (ring, loop) in enumerate(zip(rings_, loops, strict=True)):
-        cloth.meet(table, n, ring, loop)
-    return cloth.finished(table)
+    return cloth.finished(cloth.meet(table, rings_, loops))
 
 
 def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
@@ -233,27 +253,29 @@ def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
     )  # fmt: skip
 
 
-def _gone(cuts: Cuts, cloth: Cloth) -> NDArray[np.bool_]:
+def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
     """(T,) the triangles that contours stand for: connected pieces most of which lie in a zone of contours."""
     piece = cloth.pieces()
     corners = cloth.rest[cloth.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-15
     region = np.median(cuts.region[cuts.skin.triangles[cloth.origin]], axis=1)
-    inside = _inside(cuts, corners.mean(axis=1), region)
+    inside = _inside(cuts, made, corners.mean(axis=1), region)
     share = np.bincount(piece, area * inside) / np.bincount(piece, area)
     return (share[piece] > 0.6) & cloth.free
 
 
-def _inside(cuts: Cuts, places: Floats, region: NDArray) -> NDArray[np.bool_]:
+def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> NDArray[np.bool_]:
     """(n,) which places (n,3) of these regions (n,) lie between the planes of a surface in contours."""
     slack = 0.01 * cuts.scale
     beyond = lambda name: (places - cuts.planes[name][0]) @ cuts.planes[name][1]  # noqa: E731
-    zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")]
-    if "skullbase" in cuts.planes:
+    names = {m.surface.name for m in made}
+    zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")] if "l5_front_def" in names else []
+    if sum(not name.startswith(("l_", "r_", "l5_")) for name in names):
         zones.append(((0, 1), "skullbase", "neck"))
     for n, side in enumerate("lr"):
-        zones.append(((2 + n, 4 + n), f"{side}_shoulder", f"{side}_radiocarpal"))
-        zones.append(((6 + n, 8 + n), f"{side}_hip", f"{side}_talocrural"))
+        for spec in LIMBS:
+            if f"{side}_{spec.name}_def" in names:
+                zones.append(((spec.code + n, spec.code + n + 2), f"{side}_{spec.near}", f"{side}_{spec.far}"))
     inside = np.zeros(len(places), bool)
     for codes, high, low in zones:
         inside |= np.isin(region, codes) & (beyond(high) > -slack) & (beyond(low) < slack)
@@ -284,7 +306,7 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
         m.surface.material = _look(cuts.skin, m, looks)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
     if pieces is None:
-        _keep_segments(cuts, order, joints)
+        _keep_segments(cuts, made, order, joints)
         return replace(humanoid, skeleton=skeleton, node=None, scene=None)
     weights = pieces.weights
     for number, joint in enumerate(joints):
@@ -306,7 +328,7 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     )  # fmt: skip
 
 
-def _keep_segments(cuts: Cuts, order: list[Joint], joints: list[Joint]) -> None:
+def _keep_segments(cuts: Cuts, made: list[Made], order: list[Joint], joints: list[Joint]) -> None:
     """Segments of a figure in pieces that no contours stand for stay as they are."""
     region = np.zeros(len(order), np.int64)
     weights = cuts.body.skin.weights
@@ -322,7 +344,7 @@ def _keep_segments(cuts: Cuts, order: list[Joint], joints: list[Joint]) -> None:
                 if shape.transform is not None:
                     points = points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
                 middle = points[shape.triangles].mean(axis=1)
-                if _inside(cuts, middle, np.full(len(middle), region[number])).mean() < 0.6:
+                if _inside(cuts, made, middle, np.full(len(middle), region[number])).mean() < 0.6:
                     after.shapes.append(shape)
             after.displacers = list(before.displacers) if after.shapes else []
 

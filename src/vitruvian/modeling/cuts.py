@@ -178,7 +178,7 @@ class Cuts:
             for y in np.arange(high + 0.02 * s, self.hips[1], -0.006 * s):
                 cut = section(self.skin.rest, faces, middle(y), down, FRONT)
                 if len(cut.round) and not any(cut.holds(self._arm(side, y, cut)) for side in "lr"):
-                    top = float(y) - 0.015 * s
+                    top = float(y) - 0.045 * s
                     break
             self.planes["top"] = (middle(top), down)
             low = max(self._waist(), float(self.hips[1]) + 0.06 * s)

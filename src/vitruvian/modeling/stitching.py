@@ -237,27 +237,32 @@ class Cloth:
             values = np.concatenate([values, _between(values, pairs, share)])
         return np.concatenate([values, np.zeros((len(self.rest) - len(values), values.shape[1]))])
 
-    def meet(self, table: Floats, number: int, ring: Whole, loop: Loop) -> None:
-        """Weights (V,J) become the contour's towards it, over `reach` along the surface."""
+    def meet(self, table: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
+        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import dijkstra
 
-        on = np.flatnonzero(self.on[number])
-        start = np.concatenate([ring, on[np.isin(on, self.triangles)]])
-        if not len(start):
-            return
         t = self.triangles.astype(np.int64)
         edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
         length = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) + 1e-12
         order = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_index=True)[1]
         graph = coo_array((length[order], edges[order].T), shape=(len(self.rest),) * 2).tocsr()
-        far = dijkstra(graph, directed=False, indices=start, min_only=True, limit=loop.reach)
-        near = np.flatnonzero(far < loop.reach)
-        s = far[near] / loop.reach
-        s = (1 - s * s * (3 - 2 * s))[:, None]
-        own = np.zeros((1, table.shape[1]))
-        np.add.at(own[0], loop.joints, loop.weights)
-        table[near] = s * own + (1 - s) * table[near]
+        near = np.zeros((len(loops), len(self.rest)))
+        own = np.zeros((len(loops), table.shape[1]))
+        for n, (ring, loop) in enumerate(zip(rings, loops, strict=True)):
+            on = np.flatnonzero(self.on[n])
+            start = np.concatenate([ring, on[np.isin(on, self.triangles)]])
+            if len(start):
+                far = dijkstra(graph, directed=False, indices=start, min_only=True, limit=loop.reach)
+                s = np.clip(1 - far / loop.reach, 0, 1)
+                near[n] = s * s * (3 - 2 * s)
+            np.add.at(own[n], loop.joints, loop.weights)
+        rest = 1 - near
+        kept = rest.prod(axis=0)
+        share = np.array([near[n] * np.delete(rest, n, axis=0).prod(axis=0) for n in range(len(loops))])
+        total = kept + share.sum(axis=0)
+        share, kept = share / np.maximum(total, 1e-12), kept / np.maximum(total, 1e-12)
+        return kept[:, None] * table + share.T @ own
 
     def finished(self, table: Floats) -> Skin:
         """The skin that is left, with weights (V,J) of all vertices."""
