@@ -18,7 +18,7 @@ def contours(
     out: Path = Out,
     live: bool = typer.Option(False, "--live", help="Add a script that deforms the body in any X3D or VRML97 browser."),
     density: float = typer.Option(1.0, min=0.25, max=4, help="More (2: twice) or fewer contours and points in each."),
-    mitre: float = typer.Option(0.5, min=0, max=1, help="How much of the thickness of bends is kept."),
+    mitre: float = typer.Option(0.25, min=0, max=1, help="How much of the thickness of bends is kept."),
     diversion: float = typer.Option(0.0, min=0, max=1, help="How far contours that swing aside are taken back."),
     repair: bool = Repair,
     as_json: bool = Json,

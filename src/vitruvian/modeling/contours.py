@@ -27,8 +27,8 @@ from vitruvian.modeling.slicing import Rings, rings
 from vitruvian.modeling.stitching import Cloth, Loop
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
-BEND = 1.0  # radii of a limb over which a joint bends it on each side: 115 degrees without a fold on the inside
-CLOSE = 0.5  # how much closer contours are at the ends of a limb than evenly spaced
+BEND = 1.5  # radii of a limb over which a joint bends it on each side: that far no fold on the inside to 135 degrees
+CLOSE = 0.25  # how much closer contours are at the ends of a limb than evenly spaced
 _WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes all of the joint's rotation there
 
 
@@ -41,12 +41,12 @@ class ContourBody:
     error: tuple[float, float]
 
 
-def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> Humanoid:
+def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> Humanoid:
     """The contour form of a humanoid: see `contoured`."""
     return contoured(humanoid, density=density, mitre=mitre, diversion=diversion).humanoid
 
 
-def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> ContourBody:
+def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> ContourBody:
     """A humanoid with hips, knees, ankles, shoulders, elbows and wrists as a contour body.
 
     `density` scales the number of contours and of points in each. `mitre` and `diversion`, 0..1, for all limbs.
@@ -285,9 +285,34 @@ def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> ND
 def _hips(cuts: Cuts, rest: Floats, table: Floats) -> None:
     """The upper half of the pelvis goes with the trunk, the lower with the thighs, each by the side it is on.
 
-    Shares of the thigh: a ramp from the torso's last contour to the thigh's first, times a smooth step over a quarter of
-    the hips' distance from the middle; the rest keeps its weights, without those of the legs.
+    A thigh's share is a ramp from the torso's last contour to the thigh's first, times a smooth step over a quarter of
+    the hips' distance from the middle, so that the crotch stays with the pelvis; the rest keeps its weights otherwise.
+    `rest` (V,3), `table` (V,J) weights, which are changed.
     """
+    parents, index = cuts.body.skeleton.parents, cuts.index
+    (low, down), quarter = cuts.planes["vl5"], abs(cuts.at("l_hip")[0] - cuts.at("r_hip")[0]) / 4
+    depth = (rest - low) @ down
+    legs = {side: cuts.below(f"{side}_hip") for side in "lr"}
+    share = {}
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        center, normal = cuts.planes[f"{side}_hip"]
+        height = -(rest - center) @ normal
+        between = np.clip(depth / np.maximum(depth + height, 1e-9), 0, 1)
+        share[side] = smooth(between) * smooth(np.clip(sign * (rest[:, 0] - cuts.hips[0]) / quarter, 0, 1))
+    inside = (depth > 0) & ((rest - cuts.planes["l_hip"][0]) @ cuts.planes["l_hip"][1] < 0)
+    inside &= (rest - cuts.planes["r_hip"][0]) @ cuts.planes["r_hip"][1] < 0
+    inside &= np.asarray([table[:, cuts.arms].sum(axis=1) < 0.01])[0]
+    mine = np.flatnonzero(inside)
+    rows = table[mine]
+    rows[:, legs["l"] | legs["r"]] = 0
+    total = rows.sum(axis=1)
+    rows[total < 1e-6, max(int(parents[index["l_hip"]]), 0)] = 1
+    rows /= rows.sum(axis=1, keepdims=True)
+    both = np.minimum(share["l"][mine] + share["r"][mine], 1)
+    rows *= (1 - both)[:, None]
+    for side in "lr":
+        rows[:, index[f"{side}_hip"]] += share[side][mine]
+    table[mine] = rows
 
 
 def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | None, cuts: Cuts) -> Humanoid:

@@ -141,13 +141,23 @@ class Cuts:
                     return best
         return best
 
+    def below(self, name: str) -> NDArray[np.bool_]:
+        """(J,) a joint and all that hang on it."""
+        parents = self.body.skeleton.parents
+        out = np.zeros(len(parents), bool)
+        for j in range(len(parents)):
+            out[j] = j == self.index[name] or (parents[j] >= 0 and out[parents[j]])
+        return out
+
     def share(self, name: str) -> Floats:
         """(V,) how much of each vertex a joint and what hangs on it hold, by the skin's weights."""
-        parents, weights = self.body.skeleton.parents, self.skin.weights
-        below = np.zeros(len(parents), bool)
-        for j in range(len(parents)):
-            below[j] = j == self.index[name] or (parents[j] >= 0 and below[parents[j]])
-        return np.bincount(weights.vertex, weights.weight * below[weights.joint], minlength=len(weights))
+        weights = self.skin.weights
+        return np.bincount(weights.vertex, weights.weight * self.below(name)[weights.joint], minlength=len(weights))
+
+    @property
+    def arms(self) -> NDArray[np.bool_]:
+        """(J,) the joints of both arms."""
+        return self.below("l_shoulder") | self.below("r_shoulder")
 
     def _others(self, name: str, center: Floats, normal: Floats) -> list[Floats]:
         """Places in a plane that are the trunk's or between the legs."""
