@@ -105,6 +105,6 @@ def test_what_cannot_be_organised_is_named(case):
 def test_levels_with_several_loops_are_refused_by_level():
     a, t = tube(10, 12)
     legs = np.concatenate([a.reshape(-1, 3) + [0.3, 0, 0], a.reshape(-1, 3) - [0.3, 0, 0]])
-    bridge = np.array([[0, 120, 1], [1, 120, 121]])  # joins both tubes at their tops
+    bridge = np.array([[0, 1, 120], [0, 120, 121]])  # joins both tubes at their tops
     with pytest.raises(VitruvianError, match="resample: expected one closed loop at level|open ends"):
         organise(legs, np.concatenate([t, t + 120, bridge]), np.zeros(3), mode="resample", name="pelvis")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
-from vitruvian.errors import warn
+from vitruvian.errors import VitruvianError, warn
 
 RAMPS = ("linear", "smoothstep")
 
@@ -28,6 +28,7 @@ class Contours:
     diversion (C,), 0..1: how much of the way that a contour's centre goes besides the rigid surface is taken back.
     mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. bulge (C,): how much wider (0.3:
     a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    tied (n,2): vertices outside all contours that lie on an end of this surface, and the contour that moves them.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Contours:
     muscle: int = -1
     closed: bool = True
     middle: Floats | None = None
+    tied: Ints = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -64,6 +66,8 @@ class Contours:
         for field in ("diversion", "mitre", "bulge"):
             value = getattr(self, field)
             put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
+        tied = np.zeros((0, 2), np.int32) if self.tied is None else self.tied
+        put("tied", indices(tied, f"{title}: tied", 1 << 30, None, 2))
         if self.middle is not None:
             put("middle", floats(self.middle, f"{title}: middle", count, 3))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
@@ -111,6 +115,53 @@ def distal_shares(count: int, lower: int, *, ramp: str = "linear") -> Floats:
 def _shape(along: Floats, ramp: str) -> Floats:
     require(ramp in RAMPS, "ramp", " or ".join(map(repr, RAMPS)), repr(ramp))
     return along if ramp == "linear" else along * along * (3 - 2 * along)
+
+
+def limb_parameters(own: Floats, distal: Floats | None = None, *, tolerance: float = 1e-6) -> dict[str, int]:
+    """{"fixed", "upper", "lower", "extra"} of a limb whose contours have these weights (C,): the own joint's, 1 what is
+    left to its parent, and the distal joint's. The inverse of `own_shares` and `distal_shares`.
+
+    Raises VitruvianError naming the first contour that no parameters give.
+    """
+    own = np.asarray(own, np.float64)
+    count = len(own)
+    lower = 0 if distal is None else int((np.asarray(distal) > tolerance).sum())
+    fixed = int(np.argmax(own > tolerance)) if (own > tolerance).any() else count
+    fixed = max(fixed - 1, 0) if fixed else 0  # the ramp itself begins at nothing
+    upper = int(np.argmax(own >= 1 - tolerance)) - fixed if (own >= 1 - tolerance).any() else count - fixed
+    whole = bool((own >= 1 - tolerance).all())
+    found = {"fixed": 0 if whole else fixed, "upper": 0 if whole else upper, "lower": lower, "extra": count * whole}
+    made = own_shares(count, fixed=found["fixed"], upper=found["upper"], extra=found["extra"])
+    wrong = np.abs(made - own) > tolerance
+    if distal is not None:
+        wrong |= np.abs(distal_shares(count, lower) - distal) > tolerance
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise VitruvianError(
+            f"weights: expected a linear ramp of contours, found {own[k]:g} at contour {k}, where it has {made[k]:g}"
+        )
+    return found
+
+
+def zone_lengths(points: Floats, **counts: int) -> dict[str, float]:
+    """Parameters of a surface (C,P,3) as lengths along its middle (m): over so much the first contours (`fixed`,
+    `upper`, `extra`) or the last ones (`lower`) reach."""
+    at = _along(points)
+    return {k: float(at[-1] - at[-1 - n]) if k == "lower" else float(at[min(n, len(at) - 1)]) for k, n in counts.items()}
+
+
+def zone_counts(points: Floats, **lengths: float) -> dict[str, int]:
+    """The inverse of `zone_lengths`: the nearest numbers of contours, so that zones keep their size when contours are
+    added."""
+    at = _along(points)
+    nearest = lambda x: int(np.argmin(np.abs(at - x)))  # noqa: E731
+    last = len(at) - 1
+    return {k: last - nearest(at[-1] - x) if k == "lower" else nearest(x) for k, x in lengths.items()}
+
+
+def _along(points: Floats) -> Floats:
+    middle = np.asarray(points, np.float64).mean(axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
 
 
 def taper(count: int, first: int, last: int) -> Floats:

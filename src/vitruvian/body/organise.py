@@ -7,11 +7,13 @@ Surfaces on the neck bend the same way and meet the skull half way. All others a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vitruvian.body.contours import Contours, limb, spine_shares
 from vitruvian.body.types import Floats, Ints, Skeleton
+from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import ContourSurface
 from vitruvian.hanim.tables import canonical
 
@@ -36,21 +38,30 @@ def organised(surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Sk
             chain = [index[n] for n in NECK if n in index]
             out.append(_neck(joint, surface, numbers, skeleton, chain, index.get("skullbase")))
         else:
+            _closed_seam(surface, joint, surfaces, skeleton)
             out.append(_limb(joint, surface, numbers, skeleton, {j for j, _, _ in surfaces}, spread))
     return tuple(out)
 
 
-def joined(points: Floats, contours: Sequence[Contours]) -> Floats:
-    """Rest points (V,3) with those that lie within a micrometre of a contour's end or side moved onto it.
+def _closed_seam(
+    s: ContourSurface, joint: int, surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Skeleton
+) -> None:
+    """Warns where a surface takes none of the half that its parent surface takes at their seam."""
+    above = int(skeleton.parents[joint])
+    for other, q, _ in surfaces:
+        meets = other == above and q.lower and q.points.shape[1] == s.points.shape[1] and not (s.upper or s.fixed_upper)
+        if meets and np.abs(q.points[-1] - s.points[0]).max() < SAME:
+            warn(f"contours {s.name}: UpperDef is 0 but {q.name} has a ramp that ends at its seam, which will tear")
 
-    Files round: so what was one point stays one, to the bit.
+
+def joined(points: Floats, contours: Sequence[Contours]) -> tuple[Floats, tuple[Contours, ...]]:
+    """Rest points (V,3) with those within a micrometre of a contour's end or side moved onto it, and contours that know
+    the vertices so tied to their ends. Files round: so what was one point stays one, to the bit.
     """
     from scipy.spatial import cKDTree
 
     edge = [s.vertices[[0, -1]].ravel() for s in contours]
     edge += [s.vertices[:, [0, -1]].ravel() for s in contours if not s.closed]
-    if not edge or not len(points):
-        return points
     edges = np.unique(np.concatenate(edge))
     out = points.copy()
     pairs = cKDTree(points[edges]).query_pairs(SAME, output_type="ndarray")
@@ -59,12 +70,20 @@ def joined(points: Floats, contours: Sequence[Contours]) -> Floats:
     outside = np.ones(len(points), bool)
     for s in contours:
         outside[s.vertices] = False
-    others = np.flatnonzero(outside)
-    if len(others):
-        distance, nearest = cKDTree(points[edges]).query(points[others], distance_upper_bound=SAME)
-        near = np.isfinite(distance)
-        out[others[near]] = out[edges[nearest[near]]]
-    return out
+    others, free, made = np.flatnonzero(outside), outside.copy(), []
+    tree = cKDTree(points[others]) if len(others) else None
+    for s in contours:
+        tied = []
+        for k in (0, len(s) - 1):
+            ring = s.vertices[k]
+            for v, near in zip(ring, tree.query_ball_point(points[ring], SAME) if tree else [], strict=False):
+                for w in others[near]:
+                    out[w] = out[v]
+                    if free[w]:
+                        tied.append((int(w), k))
+                        free[w] = False
+        made.append(replace(s, tied=np.array(tied, np.int32).reshape(-1, 2)))
+    return out, tuple(made)
 
 
 def _limb(
@@ -104,6 +123,9 @@ def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, cha
     ends = s.points[:, [0, -1]] if not s.closed else s.points  # those that the front shares with the back
     heights = ends[:, :, 1].mean(axis=1)
     swing, twist = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]), extra=s.extra, stand=s.lower > 0)
+    below = swing[s.extra :]
+    if s.extra and len(below) and (below[0] < 1).any():
+        warn(f"contours {s.name}: ramps of the spine should end below its first {s.extra} contours, which turn as a whole")
     if s.lower:
         near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
         swing, twist = swing * near, twist * near

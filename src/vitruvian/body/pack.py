@@ -210,7 +210,8 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
 
     contours = _contours(surface, joints, skeleton)
     if contours:
-        surface.points = [joined(np.concatenate(surface.points), contours)]
+        points, contours = joined(np.concatenate(surface.points), contours)
+        surface.points = [points]
     for packed in contours:
         parent = max(int(skeleton.parents[packed.joints[0]]), 0)
         owners, values = equivalent(packed, parent)

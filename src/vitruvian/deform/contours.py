@@ -52,12 +52,13 @@ class Program:
     mitre_share: Floats
     bulge: Floats
     bulge_link: Ints
+    paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
     def __len__(self) -> int:
         return len(self.base)
 
 
-def program(body: Body, surfaces: Collection[Contours]) -> Program:
+def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) -> Program:
     """The steps of all contours of `surfaces`, one after the other.
 
     What a contour takes in full and nothing follows before is left to the joint's own matrix; what it takes nothing of is
@@ -118,6 +119,7 @@ def program(body: Body, surfaces: Collection[Contours]) -> Program:
         mitre_share=np.array(share, np.float64),
         bulge=np.where(np.repeat([s.muscle for s in surfaces], [len(s) for s in surfaces]) >= 0, flat("bulge"), 0.0),
         bulge_link=np.array(wide, np.int32),
+        paper=paper,
     )
 
 
@@ -147,7 +149,7 @@ def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Float
     `follow`: in consecutive frames rotations keep their sense past 180 degrees.
     """
     native = kernels()
-    if native is None:
+    if native is None or program.paper:
         return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
     p = program
     return native.contour_motions(
@@ -173,8 +175,11 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
     about = np.concatenate([along[..., None] * p.axis, q[..., 3:]], axis=-1)
     size = np.linalg.norm(about, axis=-1, keepdims=True)
     about = np.where(size < 1e-12, [0.0, 0, 0, 1], about / np.where(size < 1e-12, 1, size))
-    split = _vector(multiply(q, inverse(about)))
     angle = np.where(size[..., 0] < 1e-12, 0.0, 2 * np.arctan2(along, q[..., 3]))
+    if p.paper:
+        angle = np.sum(whole * p.axis, axis=-1)
+        about = from_vector(p.axis * angle[..., None])
+    split = _vector(multiply(q, inverse(about)))
     moved = np.einsum("flab,lb->fla", far[..., :3, :3], center) + far[..., :3, 3] - near[..., :3, 3]
     offset = np.einsum("flab,flb->fla", back, moved) - center
     out = padded[:, p.base].copy()
@@ -280,27 +285,6 @@ def _vector(q: Floats) -> Floats:
     return q[..., :3] * np.where(length < 1e-12, 2.0, angle / np.where(length < 1e-12, 1.0, length))
 
 
-def ties(body: Body) -> tuple[Ints, Ints]:
-    """(n,) vertices outside all contours that lie on a contour's point, and (n,) that point: both move as one.
-
-    Only the ends of surfaces, and the sides of open ones, are looked at; equal to the bit, as `pack` makes them.
-    """
-    if not body.contours:
-        return np.zeros(0, np.int32), np.zeros(0, np.int32)
-    rest = body.skin.rest
-    outside = np.ones(len(rest), bool)
-    edge = []
-    for s in body.contours:
-        outside[s.vertices] = False
-        edge += [s.vertices[0], s.vertices[-1]]
-        if not s.closed:
-            edge += [s.vertices[:, 0], s.vertices[:, -1]]
-    place = {p.tobytes(): int(v) for v in np.concatenate(edge) for p in (rest[v],)}
-    found = [(int(v), place[p.tobytes()]) for v in np.flatnonzero(outside) for p in (rest[v],) if p.tobytes() in place]
-    pairs = np.array(found, np.int32).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
-
-
 @dataclass(frozen=True, eq=False)
 class ContourOperator:
     """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces.
@@ -313,11 +297,12 @@ class ContourOperator:
     survey: bool = False
     follow: bool = True
     threads: int = 0
+    paper: bool = False
 
     @cached_property
     def program(self) -> Program:
         surfaces = [s.rigid if s.name in self.off else s for s in self.body.contours]
-        return program(self.body, surfaces)
+        return program(self.body, surfaces, paper=self.paper)
 
     @cached_property
     def slabs(self) -> Slabs:
@@ -330,9 +315,8 @@ class ContourOperator:
         first = 0
         for surface in self.body.contours:
             out[surface.vertices] = first + np.arange(len(surface))[:, None]
+            out[surface.tied[:, 0]] = first + surface.tied[:, 1]
             first += len(surface)
-        skin, edge = np.array(ties(self.body), np.int64).reshape(2, -1)
-        out[skin] = out[edge]
         return out
 
     @cached_property
@@ -340,15 +324,13 @@ class ContourOperator:
         """Joints that vertices outside the contours see turned otherwise, and how: without the twist that contours
         sewn to them spread below, and with the twist that contours have taken up above."""
         found = {}
-        sewn = np.zeros(len(self.body.skin.rest), bool)
-        sewn[ties(self.body)[1]] = True
         for s in self.body.contours:
             if s.name in self.off or s.joint != s.joints[0]:
                 continue
             whole = np.ones((1, len(s.joints)))
-            if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and sewn[s.vertices[0]].any():
+            if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and (s.tied[:, 1] == 0).any():
                 keep, swing, twist = 1, whole[:, :1], np.zeros((1, 1))
-            elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and sewn[s.vertices[-1]].any():
+            elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and (s.tied[:, 1] == len(s) - 1).any():
                 keep, swing, twist = 2, np.array([[1.0, 0.0]]), np.ones((1, 2))
             else:
                 continue
@@ -357,7 +339,7 @@ class ContourOperator:
             )  # fmt: skip
         if not found:
             return None
-        return np.array(list(found), np.int32), program(self.body, list(found.values()))
+        return np.array(list(found), np.int32), program(self.body, list(found.values()), paper=self.paper)
 
     @cached_property
     def carried(self) -> Linear:

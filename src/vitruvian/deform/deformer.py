@@ -58,6 +58,7 @@ def deformer(
     follow: bool = True,
     off: Collection[str] = (),
     survey: bool = False,
+    twist: str = "exact",
     hands: Mapping[str, Rounding] | bool | None = None,
     threads: int = 0,
 ) -> Deformer:
@@ -67,7 +68,7 @@ def deformer(
     `tolerance` (metres), `angle` (radians, replaces it) and `fade` belong to "hybrid". `mix` (V,), 0..1, paints between
     "linear" (0) and the operator (1). `follow`: consecutive frames of one call keep twists continuous past 180 degrees.
     `off`: surfaces of "contours" that follow their joint as rigid pieces; `survey`: its contours keep the volume
-    between them.
+    between them; `twist`: "exact", or "paper" for twists estimated as first published.
     `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint
     or finger ("index", "l_thumb", "" for all).
     `threads` 0 chooses by size; results never depend on it.
@@ -82,11 +83,12 @@ def deformer(
         chosen = hands if isinstance(hands, Mapping) else None
         base = deformer(
             "log" if name == "hand" else name, body, weights=weights, steps=steps, tolerance=tolerance, angle=angle,
-            fade=fade, mix=mix, follow=follow, off=off, survey=survey, threads=threads,
+            fade=fade, mix=mix, follow=follow, off=off, survey=survey, twist=twist, threads=threads,
         )  # fmt: skip
         found = hands_of(body, chosen)
         require(bool(found), f"deformer {name!r}", "a body with wrists and fingers", "none")
         return Deformer(name, body, HandOperator(base.operator, body.skin, found))
+    require(twist in ("exact", "paper"), "twist", "'exact' or 'paper'", repr(twist))
     joints, rest = len(body.skeleton), body.skin.rest
     operator: Operator
     linear = Linear(bind(body.skin.weights, joints, rule=weights), rest, threads)
@@ -96,7 +98,7 @@ def deformer(
         require(bool(body.contours), "deformer 'contours'", "a body with contours; make one by `contours`", "none")
         known = {s.name for s in body.contours}
         require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
-        return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads))
+        return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads, twist == "paper"))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
     rigid = Rigid("log" if name in ("hybrid", "volume") else name, body, rows, steps, follow, threads)
     if mix is not None:

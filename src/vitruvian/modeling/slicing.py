@@ -62,8 +62,8 @@ class Section:
         for angle in _RAYS:
             c, s = np.cos(angle), np.sin(angle)
             before, after = c * a[:, 1] - s * a[:, 0], c * b[:, 1] - s * b[:, 0]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = before / (before - after)
+            gap = before - after
+            t = before / np.where(gap == 0, 1, gap)
             ahead = c * (a[:, 0] + t * (b[:, 0] - a[:, 0])) + s * (a[:, 1] + t * (b[:, 1] - a[:, 1]))
             hit = ((before >= 0) != (after >= 0)) & (ahead > 0)
             odd += np.bincount(self.loop[hit], minlength=len(self.size)) % 2
