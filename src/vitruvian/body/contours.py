@@ -147,7 +147,9 @@ def zone_lengths(points: Floats, **counts: int) -> dict[str, float]:
     """Parameters of a surface (C,P,3) as lengths along its middle (m): over so much the first contours (`fixed`,
     `upper`, `extra`) or the last ones (`lower`) reach."""
     at = _along(points)
-    return {k: float(at[-1] - at[-1 - n]) if k == "lower" else float(at[min(n, len(at) - 1)]) for k, n in counts.items()}
+    return {
+        k: float(at[-1] - at[-1 - n]) if k == "lower" else float(at[min(n, len(at) - 1)]) for k, n in counts.items()
+    }
 
 
 def zone_counts(points: Floats, **lengths: float) -> dict[str, int]:
@@ -239,8 +241,8 @@ def spine_shares(
 
     `centers` (n,) heights of the spine's joints, lowest first. The zone of a joint reaches half way to its neighbours;
     its bend grows across the zone and is whole above. Its twist is spread from the torso's bottom to the start of the
-    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it. `stand`: the
-    lowest contour stays with what the torso stands on; else what is below bends with it, and zones go on there.
+    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it. `stand`:
+    the lowest contour stays with what the torso stands on; else what is below bends with it, and zones go on there.
     """
     centers = np.asarray(centers, dtype=np.float64)
     require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)

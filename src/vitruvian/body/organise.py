@@ -125,7 +125,9 @@ def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, cha
     swing, twist = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]), extra=s.extra, stand=s.lower > 0)
     below = swing[s.extra :]
     if s.extra and len(below) and (below[0] < 1).any():
-        warn(f"contours {s.name}: ramps of the spine should end below its first {s.extra} contours, which turn as a whole")
+        warn(
+            f"contours {s.name}: ramps of the spine should end below its first {s.extra} contours, which turn as a whole"
+        )
     if s.lower:
         near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
         swing, twist = swing * near, twist * near

@@ -240,7 +240,8 @@ def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tup
             numbers = np.arange(count * each, dtype=np.int32).reshape(count, each)
             flat = lambda a, n: None if a is None else np.asarray(a, np.float64).reshape(-1, n)  # noqa: E731
             look = c.material.name
-            shape = Shape(c.name if look in ("", c.name) else f"{c.name} {look}", grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
+            title = c.name if look in ("", c.name) else f"{c.name} {look}"
+            shape = Shape(title, grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
                           colors=flat(c.colors, 3), material=c.material)  # fmt: skip
             first = surface.add_points(points.reshape(-1, 3))
             surface.add_shape(shape, first, c.name)

@@ -10,12 +10,13 @@ lower half belongs to the thighs and the upper to the torso).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.contours import Contours
+from vitruvian.body.contours import Contours, zone_counts
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Floats, Part, Skin, require
@@ -35,10 +36,11 @@ _WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes 
 @dataclass(frozen=True, eq=False)
 class ContourBody:
     """A humanoid whose limbs, torso and neck are contour surfaces; `error` (mean, largest) m between its surface and
-    that of the original, without what stands in the trunk."""
+    that of the original, without what stands in the trunk; `scale`: the figure's size over that of a person in metres."""
 
     humanoid: Humanoid
     error: tuple[float, float]
+    scale: float = 1.0
 
 
 def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> Humanoid:
@@ -58,12 +60,12 @@ def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, 
     for part in (_torso, _neck):
         try:
             made += part(cuts, density)
-        except VitruvianError as error:
-            _passed(cuts, error)
+        except VitruvianError as missing:
+            _passed(cuts, missing)
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
     error = _error(cuts.body, [m.surface for m in made])
     pieces = None if cuts.segmented else _pieces(cuts, made)
-    return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error)
+    return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error, cuts.scale)
 
 
 @dataclass(frozen=True)
@@ -121,9 +123,7 @@ def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[M
     return out
 
 
-def _limb(
-    cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre: float, diversion: float
-) -> Made:
+def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre: float, diversion: float) -> Made:
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
     fixed = FIXED if top and cuts.segmented else 0
@@ -225,7 +225,9 @@ def _neck(cuts: Cuts, density: float) -> list[Made]:
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     """Head, hands, feet, shoulders and hips: the skin without what is in contours, sewn to them."""
     skeleton, weights = cuts.body.skeleton, cuts.skin.weights
-    numbers = [np.arange(m.surface.points[..., 0].size).reshape(m.surface.points.shape[:2]) for m in made]
+    numbers = [
+        np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
+    ]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
     cloth = Cloth(cuts.skin, cuts.sliced)
     loops = [_loop(cuts, m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
@@ -359,7 +361,7 @@ def _keep_segments(cuts: Cuts, made: list[Made], order: list[Joint], joints: lis
     weights = cuts.body.skin.weights
     for number in range(len(order)):
         mine = weights.vertex[weights.joint == number]
-        region[number] = np.median(cuts.region[mine]) if len(mine) else 0
+        region[number] = int(np.median(cuts.region[mine])) if len(mine) else 0
     for number, (old, new) in enumerate(zip(order, joints, strict=True)):
         for before, after in zip(old.segments, new.segments, strict=False):
             for shape in before.shapes:
@@ -409,7 +411,7 @@ def _colors(skin: Skin, made: Rings) -> Floats | None:
         if 0 < len(good) < face.shape[1]:
             for c in range(3):
                 out[k, :, c] = np.interp(np.arange(face.shape[1]), good, out[k, good, c], period=face.shape[1])
-    for k in np.flatnonzero(~some.any(axis=1)):
+    for k in np.flatnonzero(~some.any(axis=1)).tolist():
         if len(whole):
             out[k] = out[whole[np.argmin(np.abs(whole - k))]]
     return out
@@ -421,6 +423,32 @@ def _coordinates(skin: Skin, made: Rings) -> Floats | None:
         return None
     face = np.where(made.face >= 0, made.face, 0)
     return np.einsum("cpk,cpkd->cpd", made.barycentric, skin.uv[skin.uv_triangles[face]])
+
+
+def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float]]) -> Humanoid:
+    """The same contour body with other parameters: {surface: {parameter: value}}, of `fixed_upper`, `upper`, `lower`,
+    `extra` (whole numbers: contours; others: lengths in metres along the surface), `diversion` and `mitre` (0..1).
+
+    The surfaces of `humanoid` itself are changed. Raises VitruvianError for surfaces and parameters it does not have.
+    """
+    surfaces = {c.name: c for s in humanoid.segments() for c in s.contours}
+    counted = {"fixed_upper", "upper", "lower", "extra"}
+    for name, values in changes.items():
+        require(name in surfaces, "surface", f"one of {', '.join(surfaces) or 'none'}", repr(name))
+        surface = surfaces[name]
+        for field, value in values.items():
+            known = counted | {"diversion", "mitre"}
+            require(field in known, f"{name} parameter", f"one of {', '.join(sorted(known))}", repr(field))
+            if field in counted:
+                whole = isinstance(value, int | np.integer)
+                number = int(value) if whole else zone_counts(surface.points, **{field: float(value)})[field]
+                most = len(surface.points)
+                require(0 <= number <= most, f"{name} {field}", f"0 to {most} contours", number)
+                setattr(surface, field, number)
+            else:
+                require(0 <= value <= 1, f"{name} {field}", "0 to 1", value)
+                setattr(surface, field, float(value))
+    return humanoid
 
 
 def _error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:

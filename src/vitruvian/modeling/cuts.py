@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Part, Skin
+from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skin
 from vitruvian.errors import VitruvianError
 from vitruvian.modeling.slicing import Whole, frames, section
 from vitruvian.motion.names import VERTEBRAE, joint_index
@@ -152,7 +152,8 @@ class Cuts:
     def share(self, name: str) -> Floats:
         """(V,) how much of each vertex a joint and what hangs on it hold, by the skin's weights."""
         weights = self.skin.weights
-        return np.bincount(weights.vertex, weights.weight * self.below(name)[weights.joint], minlength=len(weights))
+        held = np.where(self.below(name)[weights.joint], weights.weight, 0.0)
+        return np.bincount(weights.vertex, held, minlength=len(weights)).astype(np.float64)
 
     @property
     def arms(self) -> NDArray[np.bool_]:
@@ -176,7 +177,13 @@ class Cuts:
         s = self.scale
         middle = lambda y: np.array([self.hips[0], y, self.depth(y)])  # noqa: E731
         high = self.shoulders[1]
-        base = self.centers[self.neck[0]] if self.neck else self.centers[self.index["skullbase"]] if "skullbase" in self.index else self.shoulders + [0, 0.1 * s, 0]  # noqa: E501
+        base = (
+            self.centers[self.neck[0]]
+            if self.neck
+            else self.centers[self.index["skullbase"]]
+            if "skullbase" in self.index
+            else self.shoulders + [0, 0.1 * s, 0]
+        )  # noqa: E501
         self.base = base
         if self.segmented:
             used = self.skin.rest[np.unique(faces)]
@@ -232,7 +239,7 @@ def _weld(rest: Floats, tolerance: float) -> NDArray[np.int32]:
     return first[where.reshape(-1)].astype(np.int32)
 
 
-def _welded(morph, welded):  # type: ignore[no-untyped-def]
+def _welded(morph: Morph, welded: Ints) -> Morph:
     index, first = np.unique(welded[morph.index], return_index=True)
     return replace(morph, index=index.astype(np.int32), offset=morph.offset[first])
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats, Ints
+from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.modeling.slicing import Whole
 
 _MOST = 6000  # triangles up to which a surface is searched for places where it crosses itself
 
 
-def welded(rest: Floats, triangles: Ints) -> tuple[Whole, Whole]:
+def welded(rest: Floats, triangles: Whole) -> tuple[Whole, Whole]:
     """(V,) the first point at the place of each, and triangles (T',3) of those, without collapsed ones."""
     size = float(np.ptp(rest, axis=0).max()) if len(rest) else 1.0
     _, first, where = np.unique(
@@ -37,7 +37,9 @@ def checked(rest: Floats, faces: Whole, name: str) -> None:
     edge = lambda k: f"edge {a[k]}-{b[k]} at {where(a[k])}"  # noqa: E731
     bad = np.flatnonzero(times > 2)
     if len(bad):
-        raise VitruvianError(f"{name}: expected at most two faces at an edge, found {times[bad[0]]} at {edge(first[bad[0]])}")
+        raise VitruvianError(
+            f"{name}: expected at most two faces at an edge, found {times[bad[0]]} at {edge(first[bad[0]])}"
+        )
     directed, first, times = np.unique(a * len(rest) + b, return_index=True, return_counts=True)
     if (times > 1).any():
         k = first[np.argmax(times > 1)]
@@ -116,7 +118,12 @@ def crossings(rest: Floats, faces: Whole) -> tuple[int, int] | None:
         rows = np.arange(begin, min(begin + 512, count))
         reach = last[rows] - rows - 1
         one = np.repeat(rows, np.maximum(reach, 0))
-        two = np.arange(len(one)) - np.repeat(np.cumsum(np.maximum(reach, 0)) - np.maximum(reach, 0), np.maximum(reach, 0)) + one + 1  # noqa: E501
+        two = (
+            np.arange(len(one))
+            - np.repeat(np.cumsum(np.maximum(reach, 0)) - np.maximum(reach, 0), np.maximum(reach, 0))
+            + one
+            + 1
+        )  # noqa: E501
         i, j = order[one], order[two]
         near = ((low[i, 1:] < high[j, 1:]) & (low[j, 1:] < high[i, 1:])).all(axis=1)
         i, j = i[near], j[near]

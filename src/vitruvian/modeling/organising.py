@@ -77,7 +77,9 @@ def organise(
     if mode in ("auto", "reorder"):
         try:
             order = _peeled(rest, faces, near, name)
-            return Organised("reorder", order.astype(np.int32), points=rest[order], uv=None if uv is None else uv[order])
+            return Organised(
+                "reorder", order.astype(np.int32), points=rest[order], uv=None if uv is None else uv[order]
+            )
         except VitruvianError as error:
             if mode == "reorder":
                 raise
@@ -148,7 +150,9 @@ def _beside(
                 if best is None or length < best[0]:
                     best = (length, turned)
     if best is None:
-        raise VitruvianError(f"{name}: reorder: expected every point of ring {number - 1} to be joined to ring {number}")
+        raise VitruvianError(
+            f"{name}: reorder: expected every point of ring {number - 1} to be joined to ring {number}"
+        )
     return best[1]
 
 

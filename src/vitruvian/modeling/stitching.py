@@ -135,7 +135,9 @@ class Cloth:
         keys, number = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_inverse=True)
         face = np.tile(np.arange(count), 3)
         some = ~barred
-        graph = coo_array((np.ones(int(some.sum())), (face[some], count + number[some])), shape=(count + len(keys),) * 2)
+        graph = coo_array(
+            (np.ones(int(some.sum())), (face[some], count + number[some])), shape=(count + len(keys),) * 2
+        )
         return connected_components(graph, directed=False)[1][:count].astype(np.int64)
 
     def without(self, gone: Mask) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
@@ -58,12 +59,12 @@ def trials(humanoid: Humanoid, *, names: tuple[str, ...] | None = None) -> list[
         found = gauge.measure(points, matrices).whole
         stretch = _lengths(points.astype(np.float64), edges) / before
         turned = _flipped(body, move.frames(matrices)[..., :3].astype(np.float64), points.astype(np.float64))
-        gap = found.gap if seams_shut(body, points) else max(found.gap, np.finfo(np.float32).tiny)
+        gap = found.gap if seams_shut(body, points) else max(found.gap, float(np.finfo(np.float32).tiny))
         out.append(Trial(name, gap, found.volume, turned, float(stretch.max(initial=1.0))))
     return out
 
 
-def seams_shut(body: Body, points: Floats) -> bool:
+def seams_shut(body: Body, points: NDArray) -> bool:
     """Whether all skin points (V,3) that are equal at rest to the bit are equal to the bit."""
     _, first, place = np.unique(body.skin.rest, axis=0, return_index=True, return_inverse=True)
     return bool(np.array_equal(points, points[first[place.reshape(-1)]]))
