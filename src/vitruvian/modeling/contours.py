@@ -295,12 +295,17 @@ def _hips(cuts: Cuts, rest: Floats, table: Floats) -> None:
     (low, down), quarter = cuts.planes["vl5"], abs(cuts.at("l_hip")[0] - cuts.at("r_hip")[0]) / 4
     depth = (rest - low) @ down
     legs = {side: cuts.below(f"{side}_hip") for side in "lr"}
+    across = rest[:, 0] - cuts.hips[0]
+    held = table[:, legs["l"] | legs["r"]].sum(axis=1) > 0.01
+    middle = held & (np.abs(across) < quarter / 8) & (depth > 0)
+    crotch = rest[middle, 1].min() if middle.any() else cuts.hips[1]
+    inner = np.abs(across) + np.maximum(crotch - rest[:, 1], 0)  # below the crotch there is nothing but thighs
     share = {}
     for side, sign in (("l", 1.0), ("r", -1.0)):
         center, normal = cuts.planes[f"{side}_hip"]
         height = -(rest - center) @ normal
         between = np.clip(depth / np.maximum(depth + height, 1e-9), 0, 1)
-        share[side] = smooth(between) * smooth(np.clip(sign * (rest[:, 0] - cuts.hips[0]) / quarter, 0, 1))
+        share[side] = smooth(between) * smooth(np.where(sign * across > 0, np.clip(inner / quarter, 0, 1), 0))
     inside = (depth > 0) & ((rest - cuts.planes["l_hip"][0]) @ cuts.planes["l_hip"][1] < 0)
     inside &= (rest - cuts.planes["r_hip"][0]) @ cuts.planes["r_hip"][1] < 0
     inside &= np.asarray([table[:, cuts.arms].sum(axis=1) < 0.01])[0]
