@@ -161,10 +161,10 @@ class Cuts:
         return self.below("l_shoulder") | self.below("r_shoulder")
 
     def _others(self, name: str, center: Floats, normal: Floats) -> list[Floats]:
-        """Places in a plane that are the trunk's or between the legs."""
+        """Places in a plane that are the trunk's or the other leg's."""
         first, second = (d[0] for d in frames(normal[None], FRONT))
         if name == "hip":
-            x = self.hips[0] - center[0]
+            x = 2 * (self.hips[0] - center[0])  # the other leg: heavy thighs may pass the middle
             places = [np.array([x, -normal[0] / min(normal[1], -0.3) * x, 0.0])]
         else:
             places = [np.array([self.hips[0] - center[0], y * self.scale, 0.0]) for y in (0.0, -0.1, -0.2, -0.3)]
