@@ -21,6 +21,7 @@ from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling.cuts import ornament
 from vitruvian.motion.names import joint_index
 
+_ROUNDED = 1e-7  # metres: points that are close but not one at rest part by the rounding of single precision
 _SHORT = 0.002  # of the figure's height: shorter edges are not asked how much they stretch
 
 
@@ -59,15 +60,16 @@ def trials(humanoid: Humanoid, *, names: tuple[str, ...] | None = None) -> list[
         found = gauge.measure(points, matrices).whole
         stretch = _lengths(points.astype(np.float64), edges) / before
         turned = _flipped(body, move.frames(matrices)[..., :3].astype(np.float64), points.astype(np.float64))
-        gap = found.gap if seams_shut(body, points) else max(found.gap, float(np.finfo(np.float32).tiny))
+        gap = max(found.gap, seam_gap(body, points)) if found.gap > _ROUNDED else seam_gap(body, points)
         out.append(Trial(name, gap, found.volume, turned, float(stretch.max(initial=1.0))))
     return out
 
 
-def seams_shut(body: Body, points: NDArray) -> bool:
-    """Whether all skin points (V,3) that are equal at rest to the bit are equal to the bit."""
+def seam_gap(body: Body, points: NDArray) -> float:
+    """How far skin points (V,3) that are equal at rest to the bit part at most; 0: they are equal to the bit."""
     _, first, place = np.unique(body.skin.rest, axis=0, return_index=True, return_inverse=True)
-    return bool(np.array_equal(points, points[first[place.reshape(-1)]]))
+    apart = points.astype(np.float64) - points[first[place.reshape(-1)]]
+    return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
 
 
 def poses(skeleton: Skeleton) -> dict[str, dict[int, list[float]]]:
