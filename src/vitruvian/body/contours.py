@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
-from vitruvian.errors import warn
+from vitruvian.errors import VitruvianError, warn
 
 RAMPS = ("linear", "smoothstep")
 
@@ -28,6 +28,7 @@ class Contours:
     diversion (C,), 0..1: how much of the way that a contour's centre goes besides the rigid surface is taken back.
     mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. bulge (C,): how much wider (0.3:
     a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    tied (n,2): vertices outside all contours that lie on an end of this surface, and the contour that moves them.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Contours:
     muscle: int = -1
     closed: bool = True
     middle: Floats | None = None
+    tied: Ints = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -64,6 +66,8 @@ class Contours:
         for field in ("diversion", "mitre", "bulge"):
             value = getattr(self, field)
             put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
+        tied = np.zeros((0, 2), np.int32) if self.tied is None else self.tied
+        put("tied", indices(tied, f"{title}: tied", 1 << 30, None, 2))
         if self.middle is not None:
             put("middle", floats(self.middle, f"{title}: middle", count, 3))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
@@ -113,6 +117,55 @@ def _shape(along: Floats, ramp: str) -> Floats:
     return along if ramp == "linear" else along * along * (3 - 2 * along)
 
 
+def limb_parameters(own: Floats, distal: Floats | None = None, *, tolerance: float = 1e-6) -> dict[str, int]:
+    """{"fixed", "upper", "lower", "extra"} of a limb whose contours have these weights (C,): the own joint's, 1 what is
+    left to its parent, and the distal joint's. The inverse of `own_shares` and `distal_shares`.
+
+    Raises VitruvianError naming the first contour that no parameters give.
+    """
+    own = np.asarray(own, np.float64)
+    count = len(own)
+    lower = 0 if distal is None else int((np.asarray(distal) > tolerance).sum())
+    fixed = int(np.argmax(own > tolerance)) if (own > tolerance).any() else count
+    fixed = max(fixed - 1, 0) if fixed else 0  # the ramp itself begins at nothing
+    upper = int(np.argmax(own >= 1 - tolerance)) - fixed if (own >= 1 - tolerance).any() else count - fixed
+    whole = bool((own >= 1 - tolerance).all())
+    found = {"fixed": 0 if whole else fixed, "upper": 0 if whole else upper, "lower": lower, "extra": count * whole}
+    made = own_shares(count, fixed=found["fixed"], upper=found["upper"], extra=found["extra"])
+    wrong = np.abs(made - own) > tolerance
+    if distal is not None:
+        wrong |= np.abs(distal_shares(count, lower) - distal) > tolerance
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise VitruvianError(
+            f"weights: expected a linear ramp of contours, found {own[k]:g} at contour {k}, where it has {made[k]:g}"
+        )
+    return found
+
+
+def zone_lengths(points: Floats, **counts: int) -> dict[str, float]:
+    """Parameters of a surface (C,P,3) as lengths along its middle (m): over so much the first contours (`fixed`,
+    `upper`, `extra`) or the last ones (`lower`) reach."""
+    at = _along(points)
+    return {
+        k: float(at[-1] - at[-1 - n]) if k == "lower" else float(at[min(n, len(at) - 1)]) for k, n in counts.items()
+    }
+
+
+def zone_counts(points: Floats, **lengths: float) -> dict[str, int]:
+    """The inverse of `zone_lengths`: the nearest numbers of contours, so that zones keep their size when contours are
+    added."""
+    at = _along(points)
+    nearest = lambda x: int(np.argmin(np.abs(at - x)))  # noqa: E731
+    last = len(at) - 1
+    return {k: last - nearest(at[-1] - x) if k == "lower" else nearest(x) for k, x in lengths.items()}
+
+
+def _along(points: Floats) -> Floats:
+    middle = np.asarray(points, np.float64).mean(axis=1)
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
+
+
 def taper(count: int, first: int, last: int) -> Floats:
     """(C,) 0 at the first and the last contour, smoothly 1 from `first` contours in, and `last` contours from the end."""
     k = np.arange(count, dtype=np.float64)
@@ -135,14 +188,15 @@ def limb(
     mitre: float = 0.0,
     ramp: str = "linear",
     axes: Floats | None = None,
-    spread: tuple[bool, bool] = (False, False),
+    spread: tuple[bool, bool | None] = (False, None),
     closed: bool = True,
 ) -> Contours:
     """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
 
     Zones that overlap turn with both joints, the distal one first. `axes` (2,3): the bones below the two joints; with
-    `spread` the part of a joint's rotation about its bone is spread evenly over all of the surface below it, so that a
-    turned shoulder winds the upper arm instead of its seam; two flags, for the own and for the distal joint.
+    `spread` the part of a joint's rotation about its bone is spread evenly over all of a surface: (own, distal). The own
+    joint's over this surface, so that a turned shoulder winds the upper arm instead of its seam; the distal one's over
+    this surface too (True: a turned hand winds the forearm), or over the next one (False); None: it is not split.
     Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
@@ -163,8 +217,8 @@ def limb(
     twist = np.full((count, len(joints)), np.nan)
     if spread[0]:
         twist[:, 0] = np.clip((np.arange(count) - fixed) / max(count - 1 - fixed, 1), 0.0, 1.0)
-    if spread[1] and distal is not None:
-        twist[:, 1] = 0.0
+    if spread[1] is not None and distal is not None:
+        twist[:, 1] = np.arange(count) / max(count - 1, 1) if spread[1] else 0.0
     bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
     return Contours(
         name,
@@ -181,13 +235,14 @@ def limb(
 
 
 def spine_shares(
-    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep"
+    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep", stand: bool = True
 ) -> tuple[Floats, Floats]:
     """(C,n) swing and (C,n) twist shares of a torso's contours at `heights` (C,), neck first.
 
     `centers` (n,) heights of the spine's joints, lowest first. The zone of a joint reaches half way to its neighbours;
     its bend grows across the zone and is whole above. Its twist is spread from the torso's bottom to the start of the
-    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it.
+    zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it. `stand`:
+    the lowest contour stays with what the torso stands on; else what is below bends with it, and zones go on there.
     """
     centers = np.asarray(centers, dtype=np.float64)
     require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)
@@ -197,12 +252,15 @@ def spine_shares(
     high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
     h = np.asarray(heights, dtype=np.float64)[:, None]
     bottom = float(h.min())
-    low = np.maximum(low, bottom)  # the lowest contour stays with what the torso stands on
+    if stand:
+        low = np.maximum(low, bottom)
     high = np.maximum(high, low + step / 4)
     swing = _shape(np.clip((h - low) / (high - low), 0, 1), ramp)
     reach = low - bottom
     spread = np.clip((h - bottom) / np.where(reach > 1e-9, reach, 1.0), 0, 1)
     twist = np.where(reach > 1e-9, spread, swing)
+    top = np.argmax(h)  # where the surface ends inside a zone, or below it, what is above takes the rest
+    twist *= np.where(twist[top] > 0, swing[top] / np.where(twist[top] > 0, twist[top], 1), 0)
     twist[:, 0] = swing[:, 0]
     swing[:extra] = 1
     twist[:extra] = 1

@@ -7,15 +7,18 @@ Surfaces on the neck bend the same way and meet the skull half way. All others a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vitruvian.body.contours import Contours, limb, spine_shares
 from vitruvian.body.types import Floats, Ints, Skeleton
+from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import ContourSurface
 from vitruvian.hanim.tables import canonical
 
 SPINE = (*(f"vl{i}" for i in range(5, 0, -1)), *(f"vt{i}" for i in range(12, 0, -1)))
+SAME = 1e-6  # metres within which points of neighbouring surfaces are one
 NECK = tuple(f"vc{i}" for i in range(7, 0, -1))
 
 
@@ -35,21 +38,70 @@ def organised(surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Sk
             chain = [index[n] for n in NECK if n in index]
             out.append(_neck(joint, surface, numbers, skeleton, chain, index.get("skullbase")))
         else:
-            out.append(_limb(joint, surface, numbers, skeleton, spread))
+            _closed_seam(surface, joint, surfaces, skeleton)
+            out.append(_limb(joint, surface, numbers, skeleton, {j for j, _, _ in surfaces}, spread))
     return tuple(out)
 
 
-def _limb(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, spread: set[int]) -> Contours:
+def _closed_seam(
+    s: ContourSurface, joint: int, surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Skeleton
+) -> None:
+    """Warns where a surface takes none of the half that its parent surface takes at their seam."""
+    above = int(skeleton.parents[joint])
+    for other, q, _ in surfaces:
+        meets = other == above and q.lower and q.points.shape[1] == s.points.shape[1] and not (s.upper or s.fixed_upper)
+        if meets and np.abs(q.points[-1] - s.points[0]).max() < SAME:
+            warn(f"contours {s.name}: UpperDef is 0 but {q.name} has a ramp that ends at its seam, which will tear")
+
+
+def joined(points: Floats, contours: Sequence[Contours]) -> tuple[Floats, tuple[Contours, ...]]:
+    """Rest points (V,3) with those within a micrometre of a contour's end or side moved onto it, and contours that know
+    the vertices so tied to their ends. Files round: so what was one point stays one, to the bit.
+    """
+    from scipy.spatial import cKDTree
+
+    edge = [s.vertices[[0, -1]].ravel() for s in contours]
+    edge += [s.vertices[:, [0, -1]].ravel() for s in contours if not s.closed]
+    edges = np.unique(np.concatenate(edge))
+    out = points.copy()
+    pairs = cKDTree(points[edges]).query_pairs(SAME, output_type="ndarray")
+    for a, b in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist() if len(pairs) else []:
+        out[edges[b]] = out[edges[a]]
+    outside = np.ones(len(points), bool)
+    for s in contours:
+        outside[s.vertices] = False
+    others, free, made = np.flatnonzero(outside), outside.copy(), []
+    tree = cKDTree(points[others]) if len(others) else None
+    for s in contours:
+        tied = []
+        for k in (0, len(s) - 1):
+            ring = s.vertices[k]
+            for v, near in zip(ring, tree.query_ball_point(points[ring], SAME) if tree else [], strict=False):
+                for w in others[near]:
+                    out[w] = out[v]
+                    if free[w]:
+                        tied.append((int(w), k))
+                        free[w] = False
+        made.append(replace(s, tied=np.array(tied, np.int32).reshape(-1, 2)))
+    return out, tuple(made)
+
+
+def _limb(
+    joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, surfaces: set[int], spread: set[int]
+) -> Contours:
     children = np.flatnonzero(skeleton.parents == joint)
     last = s.points[-1].mean(axis=0)
     distal = None
     if s.lower and len(children):
         distal = int(children[np.argmin(np.linalg.norm(skeleton.centers[children] - last, axis=1))])
     own = _bone(skeleton, joint, last)
-    axes = np.stack([own, own if distal is None else _bone(skeleton, distal, None)])
+    below = distal is not None and distal in spread
+    # a joint without contours of its own (wrist, ankle) winds those above it
+    winds = None if distal is None else False if below else True if s.spread and distal not in surfaces else None
+    axes = np.stack([own, _bone(skeleton, distal, None) if below and distal is not None else own])
     return limb(
         s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
-        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, distal in spread), closed=s.closed,
+        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, winds), closed=s.closed,
     )  # fmt: skip
 
 
@@ -67,13 +119,25 @@ def _bone(skeleton: Skeleton, joint: int, end: Floats | None) -> Floats:
 
 
 def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, chain: list[int]) -> Contours:
-    heights = s.points[:, :, 1].mean(axis=1)
-    centers = skeleton.centers[chain][:, 1]
-    low, bottom, top = centers[0] - 0.01, heights.min(), heights.max()
-    # Zones are squeezed into what the surface covers: it ends above the hips, which bend otherwise.
-    squeezed = low + (heights - bottom) * (top - low) / max(top - bottom, 1e-9)
-    swing, twist = spine_shares(squeezed, centers, extra=s.extra)
+    """`lower`: over so many of the lowest contours the spine's turns are brought to nothing."""
+    ends = s.points[:, [0, -1]] if not s.closed else s.points  # those that the front shares with the back
+    heights = ends[:, :, 1].mean(axis=1)
+    swing, twist = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]), extra=s.extra, stand=s.lower > 0)
+    below = swing[s.extra :]
+    if s.extra and len(below) and (below[0] < 1).any():
+        warn(
+            f"contours {s.name}: ramps of the spine should end below its first {s.extra} contours, which turn as a whole"
+        )
+    if s.lower:
+        near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
+        swing, twist = swing * near, twist * near
     return Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
+
+
+def _rising(heights: Floats) -> Floats:
+    """Heights of a chain's joints, each at least a trifle above the one before: files have vertebrae out of order."""
+    step = 1e-4 * max(float(np.ptp(heights)), 1e-6)
+    return np.maximum.accumulate(heights - np.arange(len(heights)) * step) + np.arange(len(heights)) * step
 
 
 def _neck(
@@ -85,7 +149,7 @@ def _neck(
     swing, twist = np.ones((count, len(joints))), np.full((count, len(joints)), np.nan)
     if chain:
         heights = s.points[:, :, 1].mean(axis=1)
-        bend, wind = spine_shares(heights, skeleton.centers[chain][:, 1])
+        bend, wind = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]))
         near = np.clip(3 * along, 0, 1)[:, None]
         swing[:, : len(chain)], twist[:, : len(chain)] = bend * near, wind * near
         swing[0, : len(chain)] = twist[0, : len(chain)] = 1  # at the skull all of the neck is bent

@@ -14,7 +14,7 @@ import numpy as np
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.hands import stored_roundings
 from vitruvian.body.kinematics import transform_matrix
-from vitruvian.body.organise import equivalent, organised
+from vitruvian.body.organise import equivalent, joined, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Drive, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
@@ -212,6 +212,9 @@ def _skin(humanoid: Humanoid, joints: list[Joint], skeleton: Skeleton) -> tuple[
                 morphs += [m for d in holder.displacers for m in _segment_morphs(d, holder, starts, i, skeleton)]
 
     contours = _contours(surface, joints, skeleton)
+    if contours:
+        points, contours = joined(np.concatenate(surface.points), contours)
+        surface.points = [points]
     for packed in contours:
         parent = max(int(skeleton.parents[packed.joints[0]]), 0)
         owners, values = equivalent(packed, parent)
@@ -239,7 +242,9 @@ def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tup
             count, each = points.shape[:2]
             numbers = np.arange(count * each, dtype=np.int32).reshape(count, each)
             flat = lambda a, n: None if a is None else np.asarray(a, np.float64).reshape(-1, n)  # noqa: E731
-            shape = Shape(c.name, grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
+            look = c.material.name
+            title = c.name if look in ("", c.name) else f"{c.name} {look}"
+            shape = Shape(title, grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
                           colors=flat(c.colors, 3), material=c.material)  # fmt: skip
             first = surface.add_points(points.reshape(-1, 3))
             surface.add_shape(shape, first, c.name)

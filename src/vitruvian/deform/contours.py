@@ -20,11 +20,13 @@ from vitruvian.body.contours import Contours
 from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
 from vitruvian.body.types import Body, Floats, Ints, Weights
 from vitruvian.deform.bind import Influences, bind
+from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
 from vitruvian.deform.operators import Linear, Rigid
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
+ROUND = 0.3  # of "log" in what skins vertices outside the contours, the rest is "linear": shoulders swell less
 LIMIT = 1.5  # how much a mitre may widen
 
 
@@ -50,12 +52,13 @@ class Program:
     mitre_share: Floats
     bulge: Floats
     bulge_link: Ints
+    paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
     def __len__(self) -> int:
         return len(self.base)
 
 
-def program(body: Body, surfaces: Collection[Contours]) -> Program:
+def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) -> Program:
     """The steps of all contours of `surfaces`, one after the other.
 
     What a contour takes in full and nothing follows before is left to the joint's own matrix; what it takes nothing of is
@@ -116,6 +119,7 @@ def program(body: Body, surfaces: Collection[Contours]) -> Program:
         mitre_share=np.array(share, np.float64),
         bulge=np.where(np.repeat([s.muscle for s in surfaces], [len(s) for s in surfaces]) >= 0, flat("bulge"), 0.0),
         bulge_link=np.array(wide, np.int32),
+        paper=paper,
     )
 
 
@@ -145,7 +149,7 @@ def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Float
     `follow`: in consecutive frames rotations keep their sense past 180 degrees.
     """
     native = kernels()
-    if native is None:
+    if native is None or program.paper:
         return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
     p = program
     return native.contour_motions(
@@ -171,8 +175,11 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
     about = np.concatenate([along[..., None] * p.axis, q[..., 3:]], axis=-1)
     size = np.linalg.norm(about, axis=-1, keepdims=True)
     about = np.where(size < 1e-12, [0.0, 0, 0, 1], about / np.where(size < 1e-12, 1, size))
-    split = _vector(multiply(q, inverse(about)))
     angle = np.where(size[..., 0] < 1e-12, 0.0, 2 * np.arctan2(along, q[..., 3]))
+    if p.paper:
+        angle = np.sum(whole * p.axis, axis=-1)
+        about = from_vector(p.axis * angle[..., None])
+    split = _vector(multiply(q, inverse(about)))
     moved = np.einsum("flab,lb->fla", far[..., :3, :3], center) + far[..., :3, 3] - near[..., :3, 3]
     offset = np.einsum("flab,flb->fla", back, moved) - center
     out = padded[:, p.base].copy()
@@ -290,11 +297,12 @@ class ContourOperator:
     survey: bool = False
     follow: bool = True
     threads: int = 0
+    paper: bool = False
 
     @cached_property
     def program(self) -> Program:
         surfaces = [s.rigid if s.name in self.off else s for s in self.body.contours]
-        return program(self.body, surfaces)
+        return program(self.body, surfaces, paper=self.paper)
 
     @cached_property
     def slabs(self) -> Slabs:
@@ -307,8 +315,31 @@ class ContourOperator:
         first = 0
         for surface in self.body.contours:
             out[surface.vertices] = first + np.arange(len(surface))[:, None]
+            out[surface.tied[:, 0]] = first + surface.tied[:, 1]
             first += len(surface)
         return out
+
+    @cached_property
+    def seen(self) -> tuple[Ints, Program] | None:
+        """Joints that vertices outside the contours see turned otherwise, and how: without the twist that contours
+        sewn to them spread below, and with the twist that contours have taken up above."""
+        found = {}
+        for s in self.body.contours:
+            if s.name in self.off or s.joint != s.joints[0]:
+                continue
+            whole = np.ones((1, len(s.joints)))
+            if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and (s.tied[:, 1] == 0).any():
+                keep, swing, twist = 1, whole[:, :1], np.zeros((1, 1))
+            elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and (s.tied[:, 1] == len(s) - 1).any():
+                keep, swing, twist = 2, np.array([[1.0, 0.0]]), np.ones((1, 2))
+            else:
+                continue
+            found[s.joint] = Contours(
+                s.name, s.joint, s.vertices[:1], s.joints[:keep], swing, twist, s.axes[:keep]
+            )  # fmt: skip
+        if not found:
+            return None
+        return np.array(list(found), np.int32), program(self.body, list(found.values()), paper=self.paper)
 
     @cached_property
     def carried(self) -> Linear:
@@ -337,7 +368,7 @@ class ContourOperator:
         return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
 
     @cached_property
-    def blended(self) -> Rigid:
+    def blended(self) -> Painted:
         skin, chosen = self.body.skin, self.rest_of_skin
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
@@ -348,7 +379,9 @@ class ContourOperator:
                        uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
         body = replace(self.body, skin=part, contours=())
         rows = bind(some, len(body.skeleton), rigid=True)
-        return Rigid("log", body, rows, 1, self.follow, self.threads)
+        linear = Linear(bind(some, len(body.skeleton)), part.rest, self.threads)
+        rigid = Rigid("log", body, rows, 1, self.follow, self.threads)
+        return Painted(linear, rigid, np.full(len(chosen), ROUND, np.float32))
 
     @cached_property
     def stretch(self) -> Linear:
@@ -359,10 +392,14 @@ class ContourOperator:
         if native is None or native.deviation(matrices) > RIGID:
             used = np.arange(len(self.body.skeleton), dtype=np.int32)
             matrices, stretches = factor(matrices, self.body.skeleton, used)
-        both = motions(self.program, matrices, follow=self.follow)
+        both, joints = motions(self.program, matrices, follow=self.follow), matrices.shape[1]
         if self.survey:
-            joints = matrices.shape[1]
             both[:, joints:] = surveyed(both[:, joints:], self.program, self.slabs)
+        if self.seen is not None:
+            own, turns = self.seen
+            matrices = matrices.copy()
+            matrices[:, own] = motions(turns, matrices, follow=self.follow)[:, joints:]
+            both[:, :joints] = matrices
         return both, matrices, stretches
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:

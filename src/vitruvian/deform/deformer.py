@@ -59,6 +59,7 @@ def deformer(
     live: bool = False,
     off: Collection[str] = (),
     survey: bool = False,
+    twist: str = "exact",
     hands: Mapping[str, Rounding] | bool | None = None,
     rounded: bool = True,
     threads: int = 0,
@@ -72,7 +73,7 @@ def deformer(
     `follow`: consecutive frames of one call keep twists continuous past 180 degrees; `live`: of consecutive calls, too,
     so that what a call answers depends on those before it (all operators that blend by weights; `forget` starts anew).
     `off`: surfaces of "contours" that follow their joint as rigid pieces; `survey`: its contours keep the volume
-    between them.
+    between them; `twist`: "exact", or "paper" for twists estimated as first published.
     `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint
     or finger ("index", "l_thumb", "" for all). `rounded` False: without the hands' second pass, that is knuckles, arcs
     and muscle.
@@ -84,8 +85,9 @@ def deformer(
     require(0 <= steps <= 3, "steps", "0 to 3", steps)
     require(5e-5 <= tolerance <= 5e-3, "tolerance", "0.00005 to 0.005 metres", tolerance)
     require(angle is None or 0 <= angle <= np.pi, "angle", "0 to pi radians", angle)
+    require(twist in ("exact", "paper"), "twist", "'exact' or 'paper'", repr(twist))
     options = {"weights": weights, "steps": steps, "tolerance": tolerance, "angle": angle, "fade": fade}
-    options |= {"follow": follow, "live": live, "off": off, "survey": survey, "threads": threads}
+    options |= {"follow": follow, "live": live, "off": off, "survey": survey, "twist": twist, "threads": threads}
     if name == "hand" or hands not in (None, False):
         chosen = hands if isinstance(hands, Mapping) else None
         found = hands_of(body, chosen)
@@ -106,7 +108,7 @@ def deformer(
         require(bool(body.contours), "deformer 'contours'", "a body with contours; make one by `contours`", "none")
         known = {s.name for s in body.contours}
         require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
-        return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads))
+        return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads, twist == "paper"))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
     memory = np.full((len(rows.chain[0]), 4), np.nan) if live and follow else None
     kind = "log" if name in ("hybrid", "volume") else name

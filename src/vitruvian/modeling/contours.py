@@ -1,184 +1,328 @@
-"""Any body as a contour body: limbs, torso and neck sliced into contours, the rest cut along them.
+"""Any body as a contour body: limbs, torso and neck in contours; hands, feet, head, shoulders and hips sewn to them.
 
 Contours lie in planes that turn from the bisector of one joint to that of the next, so that a bent knee has them evenly
-spaced; their points are where rays from the bone meet the outermost surface. The torso is a front and a back.
+spaced; their points are where rays from the bone meet the outermost surface. The torso is a front and a back. What is
+not in contours keeps its triangles, cut along the planes and sewn to the contours' own points: nothing can open.
 
-Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour).
+Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour, hips whose
+lower half belongs to the thighs and the upper to the torso).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vitruvian.body.contours import Contours, zone_counts
+from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Skin
+from vitruvian.body.types import Body, Floats, Part, Skin, require
+from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
-from vitruvian.modeling.cuts import Cuts, unit
-from vitruvian.modeling.slicing import Rings, joined, rings
+from vitruvian.modeling.cuts import FRONT, Cuts, smooth, unit
+from vitruvian.modeling.slicing import Rings, rings
+from vitruvian.modeling.stitching import Cloth, Loop
 
-FRONT = np.array([0.0, 0.0, 1.0])
-FIXED = 3  # contours of an arm that stand in the trunk and stay with it
+FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
+BEND = 1.5  # radii of a limb over which a joint bends it on each side: that far no fold on the inside to 135 degrees
+CLOSE = 0.25  # how much closer contours are at the ends of a limb than evenly spaced
+_WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes all of the joint's rotation there
 
 
 @dataclass(frozen=True, eq=False)
 class ContourBody:
     """A humanoid whose limbs, torso and neck are contour surfaces; `error` (mean, largest) m between its surface and
-    that of the original, without what stands in the trunk."""
+    that of the original, without what stands in the trunk; `scale`: the figure's size over that of a person in metres."""
 
     humanoid: Humanoid
     error: tuple[float, float]
+    scale: float = 1.0
 
 
-def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> Humanoid:
+def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> Humanoid:
     """The contour form of a humanoid: see `contoured`."""
     return contoured(humanoid, density=density, mitre=mitre, diversion=diversion).humanoid
 
 
-def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.5, diversion: float = 0.0) -> ContourBody:
-    """A humanoid with hips, knees, ankles, shoulders, elbows, wrists, a spine joint and a skull as a contour body.
+def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> ContourBody:
+    """A humanoid with hips, knees, ankles, shoulders, elbows and wrists as a contour body.
 
     `density` scales the number of contours and of points in each. `mitre` and `diversion`, 0..1, for all limbs.
     Raises VitruvianError naming the joints that are missing, and for a surface that the slices do not meet.
     """
     body = pack(humanoid)
     cuts = Cuts(body)
-    made = _limbs(cuts, density, mitre, diversion) + _trunk(cuts, density)
-    error = _error(body, [s for _, s in made])
-    return ContourBody(_assembled(humanoid, body, made, cuts.pieces()), error)
+    made = _limbs(cuts, density, mitre, diversion)
+    for part in (_torso, _neck):
+        try:
+            made += part(cuts, density)
+        except VitruvianError as missing:
+            _passed(cuts, missing)
+    require(bool(made), "contours", "a segment with a surface round its bone", "none")
+    error = _error(cuts.body, [m.surface for m in made])
+    pieces = None if cuts.segmented else _pieces(cuts, made)
+    return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error, cuts.scale)
 
 
 @dataclass(frozen=True)
 class Limb:
-    """A limb between two joints, by names without side: how it is sliced at density 1.
-
-    `regions`: left-side codes of what may be met (see `Cuts`; 0 is the trunk). `reach` (m) outwards. The first
-    `fixed` contours stand in the trunk and stay with it. `next_spread`: the next joint's surface spreads its twist.
-    """
+    """A limb between two joints, by names without side: how it is sliced at density 1. `code`: its left region;
+    `above`: the limb that it shares its first contour with."""
 
     name: str
     near: str
     far: str
-    regions: tuple[int, int]
+    code: int
     points: int
     contours: int
-    reach: float
-    fixed: int
-    next_spread: bool
-    roundness: float = 1.8
+    above: str = ""
 
 
 LIMBS = (
-    Limb("upperarm", "shoulder", "elbow", (2, 0), 20, 18, 0.12, FIXED, True, 1.35),
-    Limb("forearm", "elbow", "radiocarpal", (2, 4), 20, 16, 0.09, 0, False),
-    Limb("thigh", "hip", "knee", (6, 0), 26, 20, 0.17, 0, True),
-    Limb("calf", "knee", "talocrural", (6, 8), 26, 18, 0.12, 0, False),
+    Limb("upperarm", "shoulder", "elbow", 2, 20, 16),
+    Limb("forearm", "elbow", "radiocarpal", 2, 20, 16, "upperarm"),
+    Limb("thigh", "hip", "knee", 6, 26, 20),
+    Limb("calf", "knee", "talocrural", 6, 26, 18, "thigh"),
 )
 
 
-Named = tuple[int, ContourSurface]  # the joint that a surface hangs on
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A surface, the joint it hangs on, and its ends: the loops of `rings` at its planes, -1 where it ends in no skin."""
+
+    joint: int
+    surface: ContourSurface
+    rings: Rings
+    centers: Floats
+    axis: Floats
+    angles: Floats
+    ends: tuple[bool, bool] = (False, False)
 
 
-def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[Named]:
-    out = []
+def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[Made]:
+    out: list[Made] = []
     for number, side in enumerate("lr"):
         for spec in LIMBS:
-            joint, made, ramp = _limb(cuts, side, number, spec, density)
-            surface = ContourSurface(
-                f"{side}_{spec.name}_def", made.points, fixed_upper=spec.fixed, upper=ramp + (2 if spec.fixed else 0),
-                lower=ramp, diversion=diversion, mitre=mitre, spread=True, colors=_colors(cuts.body.skin, made),
-            )  # fmt: skip
-            out.append((joint, surface))
-    for (_, above), (_, below) in zip(out[::2], out[1::2], strict=True):  # a seam is one loop, of both surfaces
-        below.points[0] = above.points[-1]
-        if above.colors is not None and below.colors is not None:
-            below.colors[0] = above.colors[-1]
+            try:
+                made = _limb(cuts, side, number, spec, density, mitre, diversion)
+            except VitruvianError as error:
+                _passed(cuts, error)
+                continue
+            if spec.near in ("elbow", "knee") and out and out[-1].surface.name == f"{side}_{spec.above}_def":
+                # a seam is one loop, of both surfaces
+                above = out[-1].surface
+                made.surface.points[0] = above.points[-1]
+                for own, other in ((made.surface.colors, above.colors), (made.surface.uv, above.uv)):
+                    if own is not None and other is not None:
+                        own[0] = other[-1]
+            out.append(made)
     return out
 
 
-def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float) -> tuple[int, Rings, int]:
-    """The joint, the loops, and how many contours each ramp takes."""
-    near, far, fixed = f"{side}_{spec.near}", f"{side}_{spec.far}", spec.fixed
-    points, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
-    start, end = cuts.at(near), cuts.at(far)
+def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre: float, diversion: float) -> Made:
+    near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
+    top = spec.near in ("shoulder", "hip")
+    fixed = FIXED if top and cuts.segmented else 0
+    each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
+    (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     axis, length = unit(end - start), float(np.linalg.norm(end - start))
-    (_, first), (_, last) = cuts.planes[near], cuts.planes[far]
-    step = length / (count - 1 - fixed)
-    s = np.arange(-fixed, count - fixed) * step / length  # contours above the joint stay with the trunk
-    s[:fixed] *= 0.6
+    u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
+    s = np.where((u > 0) & (u < 1), u - CLOSE / (2 * np.pi) * np.sin(2 * np.pi * u), u * (1 - CLOSE * (u < 0)))
     t = np.clip(s, 0, 1)[:, None]
     normal = (1 - t) ** 2 * first + 2 * t * (1 - t) * axis + t**2 * last
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     centers = start + s[:, None] * length * axis
-    centers[:fixed] = start + s[:fixed, None] * length * first  # back along the first plane's own normal
+    angles = np.arange(each) * 2 * np.pi / each
     made = rings(
-        cuts.body.skin.rest, cuts.body.skin.triangles,
-        cuts.triangles(tuple(k + number if k else 0 for k in spec.regions)), centers, normal, points=points,
-        reach=spec.reach, forward=FRONT, roundness=spec.roundness, name=f"{side}_{spec.name}",
+        cuts.skin.rest, cuts.skin.triangles, cuts.triangles(spec.code + number), centers, normal, forward=FRONT,
+        angles=angles, name=f"{side}_{spec.name}", loose=cuts.segmented,
     )  # fmt: skip
-    middle = made.points[:fixed].mean(axis=1, keepdims=True)  # what stands in the trunk stays below its surface
-    made.points[:fixed] += 0.04 * (middle - made.points[:fixed])
-    radius = float(np.median(np.linalg.norm(made.points - made.points.mean(axis=1, keepdims=True), axis=2)))
-    ramp = int(np.clip(round(radius / step), 2, (count - fixed) // 2 - 1))
-    return cuts.index[near], made, ramp
+    inward = 0.08 * np.arange(fixed, 0, -1)[:, None, None]  # what stands in the trunk stays below its surface
+    made.points[:fixed] += inward * (made.points[:fixed].mean(axis=1, keepdims=True) - made.points[:fixed])
+    wide = BEND * made.radius / length  # the bend takes so much of the surface at each end
+    most = (count - fixed) // 2 - 1
+    upper = int(np.clip(np.searchsorted(s[fixed:], wide), 2, most))
+    lower = int(np.clip(np.searchsorted(1 - s[::-1], wide), 2, most))
+    whole = top and not fixed and _share(cuts, near, made) >= _WHOLE
+    surface = ContourSurface(
+        f"{side}_{spec.name}_def", made.points, fixed_upper=fixed, upper=0 if whole else upper + fixed, lower=lower,
+        extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=_colors(cuts.skin, made),
+        uv=_coordinates(cuts.skin, made),
+    )  # fmt: skip
+    sewn = (top, not top) if not cuts.segmented else (False, False)
+    return Made(cuts.index[near], surface, made, centers, normal, angles, sewn)
 
 
-def _trunk(cuts: Cuts, density: float) -> list[Named]:
-    """The torso's front and back, and the neck."""
-    skin = cuts.body.skin
-    points, count = max(6, round(17 * density)), max(10, round(30 * density))
-    heights = np.linspace(cuts.neck_height, cuts.bottom, count)
-    inside = skin.rest[cuts.region == 0]
-    middle = np.array([
-        [0.0, y, np.median(band[:, 2]) if len(band := inside[np.abs(inside[:, 1] - y) < 0.03]) else 0.0]
-        for y in heights
-    ])  # fmt: skip
-    middle[:, 2] = np.convolve(np.pad(middle[:, 2], 2, "edge"), np.ones(5) / 5, "valid")
-    axis = np.tile([0.0, -1.0, 0.0], (count, 1))
-    walls = [cuts.planes["l_shoulder"], cuts.planes["r_shoulder"]]
+def _passed(cuts: Cuts, error: VitruvianError) -> None:
+    """Segments without a surface round their bone are said and left as they are; a skin has to have one."""
+    if not cuts.segmented:
+        raise error
+    warn(f"{error}; its segment stays as it is")
+
+
+def _share(cuts: Cuts, name: str, made: Rings) -> float:
+    """How much of a joint's rotation the skin takes where its limb begins, by its weights."""
+    face = made.face[0][made.face[0] >= 0]
+    return float(cuts.share(name)[cuts.skin.triangles[face]].mean()) if len(face) else 1.0
+
+
+def _torso(cuts: Cuts, density: float) -> list[Made]:
+    """The torso's front and back."""
+    points, count = max(6, round(17 * density)), max(8, round(20 * density))
+    (top, down), (low, _) = cuts.planes["top"], cuts.planes["vl5"]
+    centers = top + np.linspace(0, 1, count)[:, None] * (low - top)
+    centers[:, 2] = [cuts.depth(y) for y in centers[:, 1]]
+    axis = np.tile(down, (count, 1))
     around = np.arange(2 * (points - 1)) * np.pi / (points - 1) - np.pi / 2
-    high = heights > (cuts.armpit("l")[1] + cuts.armpit("r")[1]) / 2  # there the torso ends where the arms begin
-    loops = joined(*(
-        rings(skin.rest, skin.triangles, cuts.triangles(kinds), middle[some], axis[some], points=points, reach=0.32,
-              forward=FRONT, angles=around, walls=bounds, roundness=4, name="torso")
-        for some, kinds, bounds in ((high, (0, 1, 2, 3), walls), (~high, (0,), None))
-    ))  # fmt: skip
-    colors = _colors(skin, loops)
+    loops = rings(
+        cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0), centers, axis, forward=FRONT, angles=around,
+        name="torso", loose=cuts.segmented,
+    )  # fmt: skip
+    colors, uv = _colors(cuts.skin, loops), _coordinates(cuts.skin, loops)
+    joint = cuts.spine[0] if cuts.spine else max(int(cuts.body.skeleton.parents[cuts.index["l_shoulder"]]), 0)
     out = []
     front, back = np.arange(points), np.append(np.arange(points - 1, 2 * points - 2), 0)
     for name, which in (("front", front), ("back", back)):
-        part = None if colors is None else colors[:, which]
-        surface = ContourSurface(f"l5_{name}_def", loops.points[:, which], closed=False, colors=part)
-        out.append((cuts.index["vl5"], surface))
-    return [*out, _neck(cuts, loops, density)]
+        part = lambda a, which=which: None if a is None else a[:, which]  # noqa: E731
+        surface = ContourSurface(
+            f"l5_{name}_def", loops.points[:, which], closed=False, lower=2 if cuts.segmented else 0,
+            colors=part(colors), uv=part(uv),
+        )  # fmt: skip
+        ends = name == "front" and not cuts.segmented
+        out.append(Made(joint, surface, loops, centers, axis, around, (ends, ends)))
+    return out
 
 
-def _neck(cuts: Cuts, torso: Rings, density: float) -> Named:
-    """From the skull's plane to the torso's first contour, whose points it shares."""
-    points, count = torso.points.shape[1], max(6, round(10 * density))
-    skull, normal = cuts.planes["skullbase"]
-    low = torso.points[0].mean(axis=0)
-    s = np.linspace(1, 0, count)[:, None]
-    axis = (1 - s) * np.array([0.0, -1.0, 0.0]) + s * normal
+def _neck(cuts: Cuts, density: float) -> list[Made]:
+    """From the skull's plane to the base of the neck."""
+    if "skullbase" not in cuts.planes:
+        return []
+    points, count = max(6, round(24 * density)), max(6, round(9 * density))
+    (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
+    s = np.linspace(0, 1, count)[:, None]
+    axis = (1 - s) * high + s * low
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    around = np.arange(points) * 2 * np.pi / points - np.pi / 2
+    centers = (1 - s) * skull + s * base
+    around = np.arange(points) * 2 * np.pi / points
     made = rings(
-        cuts.body.skin.rest, cuts.body.skin.triangles, cuts.triangles((0, 1)), (1 - s) * low + s * skull, axis,
-        points=points, reach=0.14, forward=FRONT, angles=around, name="neck",
+        cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, 1), centers, axis, forward=FRONT, angles=around,
+        name="neck", loose=cuts.segmented,
     )  # fmt: skip
-    colors, trunk = _colors(cuts.body.skin, made), _colors(cuts.body.skin, torso)
-    made.points[-1] = torso.points[0]
-    if colors is not None and trunk is not None:
-        colors[-1] = trunk[0]
     joint = cuts.neck[0] if cuts.neck else cuts.index["skullbase"]
     name = tables.canonical(cuts.body.skeleton.names[joint]) or "c7"
     segment = tables.joints()[name].segment if name in tables.joints() else "c7"
-    return joint, ContourSurface(f"{segment}_def", made.points, colors=colors)
+    surface = ContourSurface(
+        f"{segment}_def", made.points, colors=_colors(cuts.skin, made), uv=_coordinates(cuts.skin, made)
+    )
+    sewn = not cuts.segmented
+    return [Made(joint, surface, made, centers, axis, around, (sewn, sewn))]
 
 
-def _assembled(humanoid: Humanoid, body: Body, made: list[Named], pieces: Skin) -> Humanoid:
+def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
+    """Head, hands, feet, shoulders and hips: the skin without what is in contours, sewn to them."""
+    skeleton, weights = cuts.body.skeleton, cuts.skin.weights
+    numbers = [
+        np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
+    ]
+    packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
+    cloth = Cloth(cuts.skin, cuts.sliced)
+    loops = [_loop(cuts, m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
+    for loop in loops:
+        cloth.cut(loop)
+    cloth.without(_gone(cuts, cloth, made))
+    rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
+    table = np.zeros((len(weights), len(skeleton)))
+    table[weights.vertex, weights.joint] = weights.weight
+    table = cloth.carried(table, rings_, loops)
+    _hips(cuts, cloth.rest, table)
+    return cloth.finished(cloth.meet(table, rings_, loops))
+
+
+def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
+    """The contour at an end of a surface as something to sew to."""
+    k = end % len(packed)
+    ring = Rings(made.rings.points[k : k + 1], made.rings.face[k : k + 1], made.rings.barycentric[k : k + 1])
+    joints, weights = equivalent(packed, max(int(cuts.body.skeleton.parents[packed.joints[0]]), 0))
+    size = ring.radius
+    name = f"{made.surface.name} {'first' if end == 0 else 'last'}"
+    return Loop(
+        name, made.centers[k], made.axis[k], FRONT, made.angles, ring, -1 if end == 0 else 1, 0.08 * size, 0.8 * size,
+        joints, weights[k],
+    )  # fmt: skip
+
+
+def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
+    """(T,) the triangles that contours stand for: connected pieces most of which lie in a zone of contours."""
+    piece = cloth.pieces()
+    corners = cloth.rest[cloth.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-15
+    region = np.median(cuts.region[cuts.skin.triangles[cloth.origin]], axis=1)
+    inside = _inside(cuts, made, corners.mean(axis=1), region)
+    share = np.bincount(piece, area * inside) / np.bincount(piece, area)
+    return (share[piece] > 0.6) & cloth.free
+
+
+def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> NDArray[np.bool_]:
+    """(n,) which places (n,3) of these regions (n,) lie between the planes of a surface in contours."""
+    slack = 0.01 * cuts.scale
+    beyond = lambda name: (places - cuts.planes[name][0]) @ cuts.planes[name][1]  # noqa: E731
+    names = {m.surface.name for m in made}
+    zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")] if "l5_front_def" in names else []
+    if sum(not name.startswith(("l_", "r_", "l5_")) for name in names):
+        zones.append(((0, 1), "skullbase", "neck"))
+    for n, side in enumerate("lr"):
+        for spec in LIMBS:
+            if f"{side}_{spec.name}_def" in names:
+                zones.append(((spec.code + n, spec.code + n + 2), f"{side}_{spec.near}", f"{side}_{spec.far}"))
+    inside = np.zeros(len(places), bool)
+    for codes, high, low in zones:
+        inside |= np.isin(region, codes) & (beyond(high) > -slack) & (beyond(low) < slack)
+    return inside
+
+
+def _hips(cuts: Cuts, rest: Floats, table: Floats) -> None:
+    """The upper half of the pelvis goes with the trunk, the lower with the thighs, each by the side it is on.
+
+    A thigh's share is a ramp from the torso's last contour to the thigh's first, times a smooth step over a quarter of
+    the hips' distance from the middle, so that the crotch stays with the pelvis; the rest keeps its weights otherwise.
+    `rest` (V,3), `table` (V,J) weights, which are changed.
+    """
+    parents, index = cuts.body.skeleton.parents, cuts.index
+    (low, down), quarter = cuts.planes["vl5"], abs(cuts.at("l_hip")[0] - cuts.at("r_hip")[0]) / 4
+    depth = (rest - low) @ down
+    legs = {side: cuts.below(f"{side}_hip") for side in "lr"}
+    across = rest[:, 0] - cuts.hips[0]
+    held = table[:, legs["l"] | legs["r"]].sum(axis=1) > 0.01
+    middle = held & (np.abs(across) < quarter / 8) & (depth > 0)
+    crotch = rest[middle, 1].min() if middle.any() else cuts.hips[1]
+    inner = np.abs(across) + np.maximum(crotch - rest[:, 1], 0)  # below the crotch there is nothing but thighs
+    share = {}
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        center, normal = cuts.planes[f"{side}_hip"]
+        height = -(rest - center) @ normal
+        between = np.clip(depth / np.maximum(depth + height, 1e-9), 0, 1)
+        share[side] = smooth(between) * smooth(np.where(sign * across > 0, np.clip(inner / quarter, 0, 1), 0))
+    inside = (depth > 0) & ((rest - cuts.planes["l_hip"][0]) @ cuts.planes["l_hip"][1] < 0)
+    inside &= (rest - cuts.planes["r_hip"][0]) @ cuts.planes["r_hip"][1] < 0
+    inside &= np.asarray([table[:, cuts.arms].sum(axis=1) < 0.01])[0]
+    mine = np.flatnonzero(inside)
+    rows = table[mine]
+    rows[:, legs["l"] | legs["r"]] = 0
+    total = rows.sum(axis=1)
+    rows[total < 1e-6, max(int(parents[index["l_hip"]]), 0)] = 1
+    rows /= rows.sum(axis=1, keepdims=True)
+    both = np.minimum(share["l"][mine] + share["r"][mine], 1)
+    rows *= (1 - both)[:, None]
+    for side in "lr":
+        rows[:, index[f"{side}_hip"]] += share[side][mine]
+    table[mine] = rows
+
+
+def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | None, cuts: Cuts) -> Humanoid:
     """The humanoid with contour surfaces in its Segments, and the pieces as its skin."""
     copies = {id(j): replace(j, joints=[], segments=[replace(s, shapes=[], displacers=[], contours=[]) for s in j.segments],
                              displacers=[], skin_coord_index=np.zeros(0, np.int32), skin_coord_weight=np.zeros(0))
@@ -187,16 +331,22 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Named], pieces: Skin) 
     for joint in order:
         copies[id(joint)].joints = [copies[id(j)] for j in joint.joints]
     joints = [copies[id(j)] for j in order]
-    for number, surface in made:
-        _segment(joints[number]).contours.append(surface)
+    for m in made:
+        _segment(joints[m.joint]).contours.append(m.surface)
+    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
+    for m in made:
+        m.surface.material = _look(cuts.skin, m, looks)
+    skeleton = [copies[id(j)] for j in humanoid.skeleton]
+    if pieces is None:
+        _keep_segments(cuts, made, order, joints)
+        return replace(humanoid, skeleton=skeleton, node=None, scene=None)
     weights = pieces.weights
     for number, joint in enumerate(joints):
         mine = weights.joint == number
         joint.skin_coord_index = weights.vertex[mine]
         joint.skin_coord_weight = weights.weight[mine]
-    for m in pieces.morphs:
-        joints[m.joint].displacers.append(Displacer(m.name, m.index, m.offset, m.weight))
-    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
+    for morph in pieces.morphs:
+        joints[morph.joint].displacers.append(Displacer(morph.name, morph.index, morph.offset, morph.weight))
     shapes = []
     for part in pieces.parts:
         look = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity,
@@ -205,13 +355,30 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Named], pieces: Skin) 
         uv = None if pieces.uv_triangles is None else pieces.uv_triangles[rows]
         shapes.append(Shape(part.name, pieces.triangles[rows], uv=pieces.uv, uv_triangles=uv, colors=pieces.colors,
                             material=look, crease_angle=part.crease))  # fmt: skip
-    skin_look = _skin_look(humanoid)
-    for _, surface in made:
-        surface.material = skin_look
     return replace(
-        humanoid, skeleton=[copies[id(j)] for j in humanoid.skeleton], skin=shapes, skin_coord=pieces.rest,
-        skin_normal=None, node=None, scene=None,
+        humanoid, skeleton=skeleton, skin=shapes, skin_coord=pieces.rest, skin_normal=None, node=None, scene=None,
     )  # fmt: skip
+
+
+def _keep_segments(cuts: Cuts, made: list[Made], order: list[Joint], joints: list[Joint]) -> None:
+    """Segments of a figure in pieces that no contours stand for stay as they are."""
+    region = np.zeros(len(order), np.int64)
+    weights = cuts.body.skin.weights
+    for number in range(len(order)):
+        mine = weights.vertex[weights.joint == number]
+        region[number] = int(np.median(cuts.region[mine])) if len(mine) else 0
+    for number, (old, new) in enumerate(zip(order, joints, strict=True)):
+        for before, after in zip(old.segments, new.segments, strict=False):
+            for shape in before.shapes:
+                if shape.points is None or not len(shape.triangles):
+                    continue
+                points = np.asarray(shape.points, np.float64)
+                if shape.transform is not None:
+                    points = points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
+                middle = points[shape.triangles].mean(axis=1)
+                if _inside(cuts, made, middle, np.full(len(middle), region[number])).mean() < 0.6:
+                    after.shapes.append(shape)
+            after.displacers = list(before.displacers) if after.shapes else []
 
 
 def _segment(joint: Joint) -> Segment:
@@ -225,12 +392,13 @@ def _shapes(humanoid: Humanoid) -> list[Shape]:
     return [*humanoid.skin, *(shape for s in humanoid.segments() for shape in s.shapes)]
 
 
-def _skin_look(humanoid: Humanoid) -> Material:
-    """What contour surfaces look like: white where points have colours, matt as cloth and skin are, seen from both
-    sides."""
-    shapes = _shapes(humanoid)
-    color = shapes[0].material.color if shapes else (0.8, 0.8, 0.8)
-    return Material("contours", color, roughness=0.65, double_sided=True)
+def _look(skin: Skin, made: Made, looks: dict[str, Material]) -> Material:
+    """What a surface looks like: as the part that most of its points lie on, seen from both sides."""
+    face = made.rings.face[made.rings.face >= 0]
+    number = np.searchsorted([p.stop for p in skin.parts], face, side="right")
+    part = skin.parts[int(np.bincount(number).argmax())] if len(face) else Part("contours", 0, 0)
+    found = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity)
+    return replace(found, name=part.name, double_sided=True, node=None)
 
 
 def _colors(skin: Skin, made: Rings) -> Floats | None:
@@ -238,17 +406,54 @@ def _colors(skin: Skin, made: Rings) -> Floats | None:
     if skin.colors is None:
         return None
     face = made.face
-    known = np.where(face >= 0, face, -1)
     out = np.zeros((*face.shape, 3))
     some = face >= 0
     corner = skin.colors[skin.triangles[face[some]]]
     out[some] = np.einsum("nk,nkc->nc", made.barycentric[some], corner)
-    for k in range(len(out)):  # where nothing was met: the neighbour in the loop
-        good = np.flatnonzero(known[k] >= 0)
+    whole = np.flatnonzero(some.any(axis=1))
+    for k in range(len(out)):  # where nothing was met: the neighbour in the loop, the next loop
+        good = np.flatnonzero(some[k])
         if 0 < len(good) < face.shape[1]:
             for c in range(3):
                 out[k, :, c] = np.interp(np.arange(face.shape[1]), good, out[k, good, c], period=face.shape[1])
+    for k in np.flatnonzero(~some.any(axis=1)).tolist():
+        if len(whole):
+            out[k] = out[whole[np.argmin(np.abs(whole - k))]]
     return out
+
+
+def _coordinates(skin: Skin, made: Rings) -> Floats | None:
+    """(C,P,2) texture coordinates of the loops' points, None where the skin has none."""
+    if skin.uv is None or skin.uv_triangles is None:
+        return None
+    face = np.where(made.face >= 0, made.face, 0)
+    return np.einsum("cpk,cpkd->cpd", made.barycentric, skin.uv[skin.uv_triangles[face]])
+
+
+def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float]]) -> Humanoid:
+    """The same contour body with other parameters: {surface: {parameter: value}}, of `fixed_upper`, `upper`, `lower`,
+    `extra` (whole numbers: contours; others: lengths in metres along the surface), `diversion` and `mitre` (0..1).
+
+    The surfaces of `humanoid` itself are changed. Raises VitruvianError for surfaces and parameters it does not have.
+    """
+    surfaces = {c.name: c for s in humanoid.segments() for c in s.contours}
+    counted = {"fixed_upper", "upper", "lower", "extra"}
+    for name, values in changes.items():
+        require(name in surfaces, "surface", f"one of {', '.join(surfaces) or 'none'}", repr(name))
+        surface = surfaces[name]
+        for field, value in values.items():
+            known = counted | {"diversion", "mitre"}
+            require(field in known, f"{name} parameter", f"one of {', '.join(sorted(known))}", repr(field))
+            if field in counted:
+                whole = isinstance(value, int | np.integer)
+                number = int(value) if whole else zone_counts(surface.points, **{field: float(value)})[field]
+                most = len(surface.points)
+                require(0 <= number <= most, f"{name} {field}", f"0 to {most} contours", number)
+                setattr(surface, field, number)
+            else:
+                require(0 <= value <= 1, f"{name} {field}", "0 to 1", value)
+                setattr(surface, field, float(value))
+    return humanoid
 
 
 def _error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:

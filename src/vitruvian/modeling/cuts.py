@@ -1,8 +1,7 @@
-"""Where a body is cut for its contours, and what is left between: head, hands, feet and hips.
+"""Where a body is cut for its contours: the planes at its joints, and how far arms, legs and trunk can be told apart.
 
-Limbs are cut at their joints, across the bisector of the bones; thighs along the way from the hip to the crotch, arms
-along that from the shoulder to the armpit. What is not sliced keeps its triangles, divided along those planes; there its
-weights become those of the contours it meets, so that both move alike.
+A limb begins where a loop round its bone first lies clear of the trunk: below the armpit, rising towards the deltoid;
+below the crotch, rising towards the hip. The trunk ends below the armpits and above the hips.
 """
 
 from __future__ import annotations
@@ -12,192 +11,237 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Part, Skin, Weights
+from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skin
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling.slicing import clipped
+from vitruvian.modeling.slicing import Whole, frames, section
 from vitruvian.motion.names import VERTEBRAE, joint_index
+
+FRONT = np.array([0.0, 0.0, 1.0])
+_STATURE = 1.45  # metres from ankle to skullbase of the figure that lengths in this module are meant for
+_STEPS = 24  # places that are tried for the beginning of a limb
+_LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
+_WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
+_CLEAR = 0.008  # metres from where a limb is first clear of the trunk to its first contour
+
+Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 
 
 class Cuts:
-    """The planes that a body is cut along."""
+    """The planes that a body is cut along. Raises VitruvianError naming joints that the body lacks."""
 
     def __init__(self, body: Body):
-        self.body = body
         skeleton = body.skeleton
         self.index = joint_index(skeleton.names)
         wanted = [f"{side}_{part}" for side in "lr" for part in
                   ("hip", "knee", "talocrural", "shoulder", "elbow", "radiocarpal")]  # fmt: skip
-        missing = [n for n in [*wanted, "vl5", "skullbase"] if n not in self.index]
+        missing = [n for n in wanted if n not in self.index]
         if missing:
             raise VitruvianError(f"contours: the body needs the joints {', '.join(missing)}, which it does not have")
         self.centers = skeleton.centers
-        self.region = self._regions()
         self.spine = [self.index[v] for v in VERTEBRAE if v in self.index and v[1] in "lt"]
         self.neck = [self.index[v] for v in VERTEBRAE if v in self.index and v[1] == "c"]
-        base = self.neck[0] if self.neck else self.index["skullbase"]
-        self.neck_height = float(self.centers[base][1])
-        self.crotch = self._crotch()
-        self.bottom = self._bottom()
-        self.planes = self._planes()
+        ankles = (self.at("l_talocrural") + self.at("r_talocrural")) / 2
+        shoulders = (self.at("l_shoulder") + self.at("r_shoulder")) / 2
+        self.hips = (self.at("l_hip") + self.at("r_hip")) / 2
+        top = self.index.get("skullbase")
+        height = 1.12 * (shoulders - ankles)[1] if top is None else (self.centers[top] - ankles)[1]
+        if height <= 0:
+            raise VitruvianError("contours: expected a figure that stands upright, its head up the Y axis")
+        self.scale = float(height) / _STATURE
+        self.shoulders = shoulders
+        skin = body.skin
+        welded = _weld(skin.rest, 1e-6 * self.scale)
+        morphs = tuple(_welded(m, welded) for m in skin.morphs)
+        self.body = replace(body, skin=replace(skin, triangles=welded[skin.triangles], morphs=morphs))
+        self.segmented = self._segmented()
+        self.region = self._regions()
+        chosen = np.ones(len(skin.triangles), bool)
+        for part in skin.parts:
+            if ornament(part):
+                chosen[part.start : part.stop] = False
+        self.sliced = np.flatnonzero(chosen)
+        self.planes: dict[str, Plane] = {}
+        self._limbs()
+        self._trunk()
+
+    @property
+    def skin(self) -> Skin:
+        return self.body.skin
 
     def at(self, name: str) -> Floats:
         return self.centers[self.index[name]]
 
     def _regions(self) -> NDArray[np.int64]:
-        """(V,) 0 trunk, 1 head, 2/3 left/right arm, 4/5 hand, 6/7 leg, 8/9 foot: by the joint of largest weight."""
+        """(V,) 0 trunk, 1 head, 2/3 left/right arm, 4/5 hand, 6/7 leg, 8/9 foot: by the joint of largest weight.
+
+        The pelvis is the trunk's in a skin, and 10 in a figure of segments with a spine, where it stays as it is.
+        """
         skeleton, weights = self.body.skeleton, self.body.skin.weights
         start = {"skullbase": 1}
         for n, side in enumerate("lr"):
             start |= {f"{side}_shoulder": 2 + n, f"{side}_radiocarpal": 4 + n, f"{side}_hip": 6 + n}
             start |= {f"{side}_talocrural": 8 + n}
-        of_joint = np.zeros(len(skeleton), np.int64)
-        begin = {self.index[name]: code for name, code in start.items()}
+        root = 10 if self.segmented and self.spine else 0
+        of_joint = np.full(len(skeleton), root, np.int64)
+        begin = {self.index[name]: code for name, code in start.items() if name in self.index}
+        if root:
+            begin[self.spine[0]] = 0
         for j, parent in enumerate(skeleton.parents):
-            of_joint[j] = begin.get(j, of_joint[parent] if parent >= 0 else 0)
+            of_joint[j] = begin.get(j, of_joint[parent] if parent >= 0 else root)
         joint, weight = weights.top(1)
         return np.where(weight[:, 0] > 0, of_joint[joint[:, 0]], 0)
 
-    def _crotch(self) -> Floats:
-        """The lowest point between the legs: where the surface crosses the middle plane."""
-        rest, triangles = self.body.skin.rest, self.body.skin.triangles
-        hips = (self.at("l_hip") + self.at("r_hip")) / 2
-        corners = rest[triangles[np.isin(self.region[triangles], (0, 6, 7)).all(axis=1)]]
-        x = corners[..., 0] - hips[0]
-        crossing = corners[(x.min(axis=1) <= 1e-6) & (x.max(axis=1) >= -1e-6)].mean(axis=1)
-        height = float(crossing[:, 1].min()) if len(crossing) else hips[1]
-        leg = float(hips[1] - self.at("l_knee")[1])  # trouser legs may touch: not lower than legs have it
-        return np.array([hips[0], np.clip(height, hips[1] - 0.25 * leg, hips[1] - 0.12 * leg), hips[2]])
+    def _segmented(self) -> bool:
+        """Whether the surface is in separate pieces, each on one joint, as old figures are."""
+        weights = self.body.skin.weights
+        used = np.unique(self.skin.triangles)
+        return bool(len(used)) and bool((weights.counts[used] <= 1).mean() > 0.98)
 
-    def _bottom(self) -> float:
-        """Height at which the torso ends: above where the planes of the hips leave the body at its sides."""
-        hip, rest = self.at("l_hip"), self.body.skin.rest
-        near = np.isin(self.region, (0, 6, 7)) & (np.abs(rest[:, 1] - hip[1] - 0.05) < 0.05)
-        width = float(np.abs(rest[near, 0] - self.crotch[0]).max()) if near.any() else 2 * hip[0]
-        slope = (hip[1] - self.crotch[1]) / abs(hip[0] - self.crotch[0])
-        leaves = hip[1] + (width - abs(hip[0] - self.crotch[0])) * slope
-        return max(float(self.centers[self.index["vl5"]][1]) - 0.01, float(leaves) + 0.05)
+    def triangles(self, *codes: int) -> Whole:
+        """Triangles that may be sliced for these regions: all of a skin, the segments' own where it is in pieces."""
+        if not self.segmented:
+            return self.sliced
+        inside = np.isin(self.region, codes)[self.skin.triangles[self.sliced]].all(axis=1)
+        return self.sliced[inside]
 
-    def armpit(self, side: str) -> Floats:
-        """The lowest place where arm and trunk meet."""
-        region, triangles, rest = self.region, self.body.skin.triangles, self.body.skin.rest
-        codes = region[triangles]
-        both = (codes == (2 if side == "l" else 3)).any(axis=1) & (codes == 0).any(axis=1)
-        joint = self.at(f"{side}_shoulder")
-        near = rest[triangles[both]].mean(axis=1)
-        near = near[np.linalg.norm(near - joint, axis=1) < 0.2]
-        fallback = joint + np.array([-0.04 if side == "l" else 0.04, -0.09, 0.0])
-        return near[np.argmin(near[:, 1])] if len(near) else fallback
+    def _limbs(self) -> None:
+        for n, side in enumerate("lr"):
+            for a, b, c, codes in (
+                ("shoulder", "elbow", "radiocarpal", (2 + n,)),
+                ("hip", "knee", "talocrural", (6 + n,)),
+            ):
+                first, middle, last = (self.at(f"{side}_{j}") for j in (a, b, c))
+                self.planes[f"{side}_{a}"] = self._beginning(a, side, first, middle, codes)
+                self.planes[f"{side}_{b}"] = (middle, unit(unit(middle - first) + unit(last - middle)))
+                self.planes[f"{side}_{c}"] = (last, unit(last - middle))
 
-    def _planes(self) -> dict[str, tuple[Floats, Floats]]:
-        """Point and normal (down the limb) of every cut, by the joint's name."""
-        out = {}
-        for side, sign in (("l", 1.0), ("r", -1.0)):
-            p = lambda name, side=side: self.at(f"{side}_{name}")  # noqa: E731
-            hip = p("hip")
-            inward = self.crotch - hip  # the plane holds the way from the hip to the crotch
-            out[f"{side}_hip"] = (hip, unit(np.array([-inward[1] * sign, -abs(inward[0]), 0.0])))
-            pit = self.armpit(side) - p("shoulder")
-            out[f"{side}_shoulder"] = (p("shoulder"), unit(np.array([-pit[1] * sign, -abs(pit[0]), 0.0])))
-            for a, b, c in (("shoulder", "elbow", "radiocarpal"), ("hip", "knee", "talocrural")):
-                out[f"{side}_{b}"] = (p(b), unit(unit(p(b) - p(a)) + unit(p(c) - p(b))))
-            out[f"{side}_radiocarpal"] = (p("radiocarpal"), unit(p("radiocarpal") - p("elbow")))
-            out[f"{side}_talocrural"] = (p("talocrural"), unit(p("talocrural") - p("knee")))
-        skull = self.at("skullbase")
-        out["skullbase"] = (skull, unit(np.array([0.0, -1.0, -0.9])))  # below the chin
-        out["vl5"] = (np.array([0.0, self.bottom, 0.0]), np.array([0.0, -1.0, 0.0]))
+    def _beginning(self, name: str, side: str, start: Floats, end: Floats, codes: tuple[int, ...]) -> Plane:
+        """The first plane down a limb whose loop does not go round the trunk or the other leg too, and which the skin's
+        weights give to the limb almost wholly: from there on contours turn it as they do."""
+        bone, away = unit(end - start), np.array([np.sign(start[0] - self.hips[0]), 0.0, 0.0])
+        if self.segmented:
+            return start, bone
+        chosen = self.triangles(*codes)
+        faces = self.skin.triangles[chosen]
+        length = float(np.linalg.norm(end - start))
+        share = self.share(f"{side}_{name}")
+        best, most = (start + 0.4 * length * bone, bone), -1.0
+        for s in np.linspace(0.0, 0.6, _STEPS):
+            center = start + s * length * bone
+            for lean in _LEANS[name]:
+                normal = unit(bone + lean * away * (1 - abs(float(bone @ away))))
+                cut = section(self.skin.rest, faces, center, normal, FRONT)
+                if not len(cut.round) or any(cut.holds(p) for p in self._others(name, center, normal)):
+                    continue
+                met = np.isin(cut.loop, cut.round)
+                least = float(np.quantile(share[faces[cut.face[met]]].mean(axis=1), 0.1))
+                if least > most:
+                    best, most = (center + _CLEAR * self.scale * bone, normal), least
+                if least >= _WHOLE:
+                    return best
+        return best
+
+    def below(self, name: str) -> NDArray[np.bool_]:
+        """(J,) a joint and all that hang on it."""
+        parents = self.body.skeleton.parents
+        out = np.zeros(len(parents), bool)
+        for j in range(len(parents)):
+            out[j] = j == self.index[name] or (parents[j] >= 0 and out[parents[j]])
         return out
 
-    def triangles(self, kinds: tuple[int, ...]) -> NDArray[np.int64]:
-        """Triangles with a corner in one of the regions, hair and other ornaments apart."""
-        skin = self.body.skin
-        touched = np.isin(self.region, kinds)
-        chosen = touched[skin.triangles[:, 0]] | touched[skin.triangles[:, 1]] | touched[skin.triangles[:, 2]]
-        for part in skin.parts:
-            if ornament(part):
-                chosen[part.start : part.stop] = False
-        return np.flatnonzero(chosen)
+    def share(self, name: str) -> Floats:
+        """(V,) how much of each vertex a joint and what hangs on it hold, by the skin's weights."""
+        weights = self.skin.weights
+        held = np.where(self.below(name)[weights.joint], weights.weight, 0.0)
+        return np.bincount(weights.vertex, held, minlength=len(weights)).astype(np.float64)
 
-    def pieces(self) -> Skin:
-        """Head, hands, feet and hips: the original triangles, with weights that meet those of the contours."""
-        skin, rest = self.body.skin, self.body.skin.rest
-        away = {name: (rest - point) @ normal for name, (point, normal) in self.planes.items()}
-        inside = np.full(len(rest), -np.inf)
-        region = self.region
-        for n, side in enumerate("lr"):
-            for limb_, joint in ((4, "radiocarpal"), (8, "talocrural")):
-                near = np.isin(region, (limb_ + n, limb_ - 2 + n))
-                inside = np.where(near, np.maximum(inside, away[f"{side}_{joint}"]), inside)
-        head = np.isin(region, (0, 1)) & (rest[:, 1] > self.neck_height - 0.02)
-        inside = np.where(head, np.maximum(inside, -away["skullbase"]), inside)
-        hips = np.minimum(away["vl5"], -np.maximum(away["l_hip"], away["r_hip"]))
-        trunk = np.isin(region, (0, 6, 7)) & ~head
-        inside = np.where(trunk, np.maximum(inside, hips), inside)
-        whole = np.zeros(len(skin.triangles), bool)
-        for part in skin.parts:
-            if ornament(part):
-                whole[part.start : part.stop] = True
-        # The distance jumps where regions meet: only triangles whose corners agree on what cuts them are divided.
-        inside = np.where(np.isfinite(inside), inside, -1.0)
-        weights = self._blended(away)
-        kept, _ = clipped(replace(skin, weights=weights), inside, whole)
-        return kept
+    @property
+    def arms(self) -> NDArray[np.bool_]:
+        """(J,) the joints of both arms."""
+        return self.below("l_shoulder") | self.below("r_shoulder")
 
-    def _blended(self, away: dict[str, Floats]) -> Weights:
-        """The skin's weights, those of its neighbour taken over near a cut: half at the plane, none beyond a radius."""
-        weights, region = self.body.skin.weights, self.region
-        table = np.zeros((len(weights), len(self.body.skeleton)))
-        table[weights.vertex, weights.joint] = weights.weight
-        parents = self.body.skeleton.parents
+    def _others(self, name: str, center: Floats, normal: Floats) -> list[Floats]:
+        """Places in a plane that are the trunk's or the other leg's."""
+        first, second = (d[0] for d in frames(normal[None], FRONT))
+        if name == "hip":
+            x = 2 * (self.hips[0] - center[0])  # the other leg: heavy thighs may pass the middle
+            places = [np.array([x, -normal[0] / min(normal[1], -0.3) * x, 0.0])]
+        else:
+            places = [np.array([self.hips[0] - center[0], y * self.scale, 0.0]) for y in (0.0, -0.1, -0.2, -0.3)]
+        return [np.array([p @ first, p @ second]) for p in places]
 
-        def below(joint: int) -> NDArray[np.bool_]:
-            out = np.zeros(len(parents), bool)
-            for j in range(len(parents)):
-                out[j] = j == joint or (parents[j] >= 0 and out[parents[j]])
-            return out
+    def _trunk(self) -> None:
+        """Where the trunk's contours end: below the armpits and above the legs; and those of the neck."""
+        down = np.array([0.0, -1.0, 0.0])
+        faces = self.skin.triangles[self.triangles(0)]
+        s = self.scale
+        middle = lambda y: np.array([self.hips[0], y, self.depth(y)])  # noqa: E731
+        high = self.shoulders[1]
+        base = (
+            self.centers[self.neck[0]]
+            if self.neck
+            else self.centers[self.index["skullbase"]]
+            if "skullbase" in self.index
+            else self.shoulders + [0, 0.1 * s, 0]
+        )  # noqa: E501
+        self.base = base
+        if self.segmented:
+            used = self.skin.rest[np.unique(faces)]
+            top = float(min(base[1], used[:, 1].max() - 0.01 * s))
+            low = max(float(self.hips[1]), float(used[:, 1].min()) + 0.01 * s)
+            self.planes["top"], self.planes["vl5"] = (middle(top), down), (middle(low), down)
+        else:
+            top = high - 0.12 * s
+            for y in np.arange(high + 0.02 * s, self.hips[1], -0.006 * s):
+                cut = section(self.skin.rest, faces, middle(y), down, FRONT)
+                if len(cut.round) and not any(cut.holds(self._arm(side, y, cut)) for side in "lr"):
+                    top = float(y) - 0.045 * s
+                    break
+            self.planes["top"] = (middle(top), down)
+            low = max(self._waist(), float(self.hips[1]) + 0.06 * s)
+            self.planes["vl5"] = (middle(min(low, top - 0.12 * s)), down)
+        if "skullbase" in self.index:
+            skull = self.at("skullbase")
+            self.planes["skullbase"] = (skull, unit(np.array([0.0, -1.0, -0.9])))  # below the chin
+            self.planes["neck"] = (base, unit(np.array([0.0, -1.0, -0.5])))
 
-        def meet(name: str, near: str | None, kinds: tuple[int, ...], depth: Floats, length: float) -> None:
-            """At depth 0 half of `name`, at `length` all of it; the rest to `near`."""
-            joint = self.index[name]
-            some = np.isin(region, kinds) & (depth > -0.03)
-            share = 0.5 + 0.5 * smooth(np.clip(depth[some] / length, 0, 1))
-            own = below(joint)
-            rows = table[some]
-            mine = rows[:, own].sum(axis=1)
-            fresh = np.zeros_like(rows)
-            fresh[:, own] = np.where(mine[:, None] > 1e-6, rows[:, own] / np.maximum(mine, 1e-6)[:, None], 0)
-            fresh[mine <= 1e-6, joint] = 1
-            fresh *= share[:, None]
-            fresh[:, self.index[near] if near else int(parents[joint])] += 1 - share
-            blend = np.clip(depth[some] / (1.5 * length), 0, 1)[:, None] ** 2
-            table[some] = (1 - blend) * fresh + blend * rows / np.maximum(rows.sum(axis=1, keepdims=True), 1e-9)
+    def depth(self, y: float) -> float:
+        """Z of the spine's place at height y, a little in front of its joints."""
+        chain = self.centers[self.spine] if self.spine else self.hips[None]
+        return float(np.interp(y, chain[:, 1], chain[:, 2]))
 
-        for n, side in enumerate("lr"):
-            meet(f"{side}_radiocarpal", f"{side}_elbow", (4 + n, 2 + n), away[f"{side}_radiocarpal"], 0.04)
-            meet(f"{side}_talocrural", f"{side}_knee", (8 + n, 6 + n), away[f"{side}_talocrural"], 0.05)
-        meet("skullbase", None, (1,), -away["skullbase"], 0.05)
-        self._hips(table, away)
-        vertex, joint = np.nonzero(table > 1e-6)
-        return Weights.from_pairs(len(weights), vertex, joint, table[vertex, joint])
+    def _arm(self, side: str, y: float, cut: object) -> Floats:
+        """Where an arm's bone meets height y, in the plane of a section through the spine: from two fifths of the upper
+        arm on."""
+        a, b, c = (self.at(f"{side}_{j}") for j in ("shoulder", "elbow", "radiocarpal"))
+        line = np.array([a + 0.4 * (b - a), b, c])
+        at = np.linspace(0, 2, 41)
+        bone = np.stack([np.interp(at, [0, 1, 2], line[:, k]) for k in range(3)], axis=1)
+        place = bone[np.argmin(np.abs(bone[:, 1] - y))] - [self.hips[0], y, self.depth(y)]
+        first, second = (d[0] for d in frames(np.array([[0.0, -1.0, 0.0]]), FRONT))
+        return np.array([place @ first, place @ second])
 
-    def _hips(self, table: Floats, away: dict[str, Floats]) -> None:
-        """The upper half of the pelvis goes with the trunk, the lower with the thighs, by the side it is on."""
-        rest = self.body.skin.rest
-        some = np.isin(self.region, (0, 6, 7)) & (rest[:, 1] < self.bottom + 0.05)
-        pelvis = int(self.body.skeleton.parents[self.index["l_hip"]])
-        trunk = int(self.body.skeleton.parents[self.index["vl5"]])
-        width = abs(self.at("l_hip")[0] - self.at("r_hip")[0]) / 4
-        x = rest[some, 0] - self.crotch[0]
-        fresh = np.zeros((int(some.sum()), table.shape[1]))
-        for side, sign in (("l", 1.0), ("r", -1.0)):
-            depth = np.clip(1 + away[f"{side}_hip"][some] / 0.08, 0, 1)
-            share = 0.5 * smooth(depth) * smooth(np.clip(sign * x / width, 0, 1))
-            share *= smooth(np.clip((self.bottom - rest[some, 1]) / 0.05, 0, 1))  # nothing where the torso begins
-            fresh[:, self.index[f"{side}_hip"]] += share
-        left = 1 - fresh.sum(axis=1)
-        low = smooth(np.clip((self.bottom - rest[some, 1]) / 0.08, 0, 1))
-        fresh[:, pelvis] += left * low
-        fresh[:, trunk] += left * (1 - low)
-        table[some] = fresh
+    def _waist(self) -> float:
+        """Height above which the legs do not pull: where the hips' planes leave the body at its sides."""
+        out = 0.0
+        for side in "lr":
+            center, normal = self.planes[f"{side}_hip"]
+            at = self.at(f"{side}_hip")
+            out = max(out, float(at[1]) + 0.09 * self.scale)
+        return out
+
+
+def _weld(rest: Floats, tolerance: float) -> NDArray[np.int32]:
+    """(V,) the first vertex at the place of each."""
+    if not len(rest):
+        return np.zeros(0, np.int32)
+    _, first, where = np.unique(np.round(rest / tolerance), axis=0, return_index=True, return_inverse=True)
+    return first[where.reshape(-1)].astype(np.int32)
+
+
+def _welded(morph: Morph, welded: Ints) -> Morph:
+    index, first = np.unique(welded[morph.index], return_index=True)
+    return replace(morph, index=index.astype(np.int32), offset=morph.offset[first])
 
 
 def unit(v: Floats) -> Floats:

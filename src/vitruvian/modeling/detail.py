@@ -6,6 +6,7 @@ the bit. Source: cross-section deformation of H-Anim bodies, levels of detail as
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
+from vitruvian.deform.deformer import Deformer, deformer
 
 
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
@@ -39,13 +41,16 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
     parts: list[Part] = []
-    named = {s.name: (s, r, c) for s, r, c in grids}
+    owner = np.full(len(skin.rest), -1)
+    for number, (surface, _, _) in enumerate(grids):
+        owner[surface.vertices] = number
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
-        if part.name in named and owned[faces].all():
-            surface, rows, columns = named[part.name]
+        if len(faces) and owned[faces].all():
+            surface, rows, columns = grids[owner[faces[0, 0]]]
             faces = grid(place[surface.vertices[np.ix_(rows, columns)]].astype(np.int32), surface.closed)
+            faces = np.concatenate([faces, place[_fringe(skin.rest, surface, columns)].astype(np.int32)])
         else:
             faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)
         triangles.append(faces)
@@ -68,10 +73,81 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
             s, vertices=place[s.vertices[np.ix_(rows, columns)]].astype(np.int32), swing=s.swing[rows],
             twist=s.twist[rows], diversion=s.diversion[rows], mitre=s.mitre[rows], bulge=s.bulge[rows],
             middle=_middles(body, s)[rows],
+            tied=np.stack([place[s.tied[:, 0]], np.searchsorted(rows, s.tied[:, 1])], axis=1).astype(np.int32),
         )
         for s, rows, columns in grids
     )  # fmt: skip
     return replace(body, skin=smaller, contours=surfaces), source.astype(np.int32)
+
+
+def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
+    """(T,3) triangles between the kept points of a surface's ends and the vertices tied to the others: no gap opens
+    between a coarse contour and what is sewn to all of its points."""
+    out = []
+    count, each = s.vertices.shape
+    for k in (0, count - 1):
+        tied = {rest[v].tobytes(): int(v) for v in s.tied[s.tied[:, 1] == k, 0]}
+        ring = s.vertices[k].tolist()
+        ends = [*columns.tolist(), columns[0] + each] if s.closed else columns.tolist()
+        for a, b in zip(ends, ends[1:]):
+            between = [tied.get(rest[ring[c % each]].tobytes(), -1) for c in range(a + 1, b)]
+            if -1 in between:
+                continue
+            line = [ring[a], *between, ring[b % each]]
+            for i in range(1, len(line) - 1):
+                out.append([line[0], line[i + 1], line[i]] if k == 0 else [line[0], line[i], line[i + 1]])
+    return np.array(out, np.int32).reshape(-1, 3)
+
+
+class Levels:
+    """A contour body at several levels of detail, one of them active: only its points are computed.
+
+    Level 0 is the body itself. Levels and what is rigid may change at any time, between two frames.
+    """
+
+    def __init__(self, body: Body):
+        self.bodies = [body]
+        self.sources = [np.arange(len(body.skin.rest), dtype=np.int32)]
+        self.active = 0
+        self._off: frozenset[str] = frozenset()
+        self._made: dict[tuple[int, frozenset[str]], Deformer] = {}
+
+    def add(self, *, contours: int = 2, points: int = 2) -> int:
+        """Add a level, a subset of the body's contours and points (see `coarser`); its number."""
+        body, source = coarser(self.bodies[0], contours=contours, points=points)
+        self.bodies.append(body)
+        self.sources.append(source)
+        return len(self.bodies) - 1
+
+    def set_lod(self, level: int) -> None:
+        """Make a level the active one. Raises VitruvianError for one that does not exist."""
+        require(0 <= level < len(self.bodies), "level", f"0 to {len(self.bodies) - 1}", level)
+        self.active = level
+
+    def set_extremities(self, on: bool, names: Collection[str] | None = None) -> None:
+        """Switch the deformation of surfaces on, or off: these then follow their joints as rigid pieces. `names`: by
+        default the neck's."""
+        known = {s.name for s in self.bodies[0].contours}
+        chosen = {n for n in known if n.startswith("c")} if names is None else set(names)
+        require(known >= chosen, "surfaces", f"some of {', '.join(sorted(known))}", sorted(chosen - known))
+        self._off = self._off - chosen if on else self._off | chosen
+
+    @property
+    def body(self) -> Body:
+        """The active level's."""
+        return self.bodies[self.active]
+
+    @property
+    def source(self) -> Ints:
+        """(V,) which points of level 0 the active level has."""
+        return self.sources[self.active]
+
+    def __call__(self, matrices: Floats) -> NDArray[np.float32]:
+        """Points of the active level alone, for joint matrices as of `deform.deformer.Deformer`."""
+        key = (self.active, self._off)
+        if key not in self._made:
+            self._made[key] = deformer("contours", self.body, off=self._off)
+        return self._made[key](matrices)
 
 
 def _middles(body: Body, surface: Contours) -> Floats:

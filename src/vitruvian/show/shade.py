@@ -38,7 +38,7 @@ def kind_of(name: str) -> int:
     for kind, words in _WORDS.items():
         if any(w in low for w in words):
             return KINDS.index(kind)
-    return 0
+    return KINDS.index("skin") if low.endswith("_def") else 0  # contour surfaces, by the names that DefBody gives
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,10 @@ def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
     """Unit normals (V,3): the area-weighted mean of the faces round each vertex, shared by vertices at one place."""
     corner = vertices[triangles]
     face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return unit(_gather(face, triangles, len(vertices)))
+    flat = np.ascontiguousarray(vertices)
+    rows = flat.view(np.dtype((np.void, flat.dtype.itemsize * 3))).reshape(-1)
+    _, place = np.unique(rows, return_inverse=True)  # of surfaces that meet at a seam, to the bit
+    return unit(_gather(face, place.reshape(-1)[triangles], len(vertices)))[place.reshape(-1)]
 
 
 def _gather(value: NDArray, triangles: NDArray, n: int) -> NDArray:

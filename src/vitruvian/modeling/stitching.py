@@ -1,0 +1,304 @@
+"""A skin cut along loops, parts of it taken out, and what is left sewn to other loops point by point.
+
+Cutting divides triangles along a plane, but only those of the loops round the plane's centre. Sewing fills the strip
+between such a loop and a contour with triangles whose corners are the points of both, so that nothing can open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
+from vitruvian.modeling.slicing import Rings, Whole, frames, section
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A contour that the skin is sewn to, in the plane through `center` across unit `axis`; `ring` has one contour.
+
+    angles (P,): of its points in the plane from `forward` on. The skin is on the side that the axis points to (`side`
+    1) or on the other (-1), and is cut `gap` (m) beyond the contour. joints (n,) and weights (n,): how the contour
+    moves, said as skin weights; over `reach` (m) the skin's own weights become those.
+    """
+
+    name: str
+    center: Floats
+    axis: Floats
+    forward: Floats
+    angles: Floats
+    ring: Rings
+    side: int
+    gap: float
+    reach: float
+    joints: Ints
+    weights: Floats
+
+    @property
+    def beyond(self) -> Floats:
+        """Where the skin is cut."""
+        return self.center + self.side * self.gap * self.axis
+
+
+class Cloth:
+    """A skin on the way to be cut: triangles know which they come from, vertices which loops they lie on."""
+
+    def __init__(self, skin: Skin, sliced: Whole):
+        """`sliced`: the triangles that may be cut."""
+        self.rest, self.uv, self.colors = skin.rest, skin.uv, skin.colors
+        self.triangles = skin.triangles
+        self.corners = skin.triangles if skin.uv_triangles is None else skin.uv_triangles
+        self.part = np.repeat(np.arange(len(skin.parts)), [p.stop - p.start for p in skin.parts])
+        self.origin = np.arange(len(skin.triangles))
+        self.free = np.zeros(len(skin.triangles), bool)
+        self.free[sliced] = True
+        self.blend: list[tuple[Whole, Floats]] = []  # new vertices: the pair (n,2) each lies between, and where (n,)
+        self.on: list[Mask] = []
+        self.skin = skin
+
+    def cut(self, loop: Loop) -> None:
+        """Divide the triangles along the plane beyond a contour."""
+        chosen = np.flatnonzero(self.free)
+        found = section(self.rest, self.triangles[chosen], loop.beyond, loop.axis, loop.forward)
+        faces = chosen[np.unique(found.face[np.isin(found.loop, found.round)])]
+        d = (self.rest - loop.beyond) @ loop.axis
+        d[np.abs(d) < 1e-7] = 0.0
+        across = faces[(d[self.triangles[faces]].max(axis=1) > 0) & (d[self.triangles[faces]].min(axis=1) < 0)]
+        touched = np.unique(self.triangles[faces])
+        first = len(self.rest)
+        edges: dict[tuple[int, int], int] = {}
+        corners: dict[tuple[int, int], int] = {}
+        shares: list[float] = []
+        coordinates = 0 if self.uv is None else len(self.uv)
+        new, new_uv, source = [], [], []
+        for t in across.tolist():
+            halves: tuple[list[tuple[int, int]], list[tuple[int, int]]] = ([], [])
+            tri, uv = self.triangles[t].tolist(), self.corners[t].tolist()
+            for i in range(3):
+                a, b, ua, ub = tri[i], tri[(i + 1) % 3], uv[i], uv[(i + 1) % 3]
+                for half, sign in zip(halves, (1, -1), strict=True):
+                    if sign * d[a] >= 0:
+                        half.append((a, ua))
+                if d[a] * d[b] < 0:
+                    if a > b:
+                        a, b, ua, ub = b, a, ub, ua
+                    v = first + edges.setdefault((a, b), len(edges))
+                    if (ua, ub) not in corners:
+                        corners[ua, ub] = coordinates + len(corners)
+                        shares.append(float(d[a] / (d[a] - d[b])))
+                    u = corners[ua, ub]
+                    for half in halves:
+                        half.append((v, u))
+            for half in halves:
+                for i in range(1, len(half) - 1):
+                    new.append([half[0][0], half[i][0], half[i + 1][0]])
+                    new_uv.append([half[0][1], half[i][1], half[i + 1][1]])
+                    source.append(t)
+        keep = np.ones(len(self.triangles), bool)
+        keep[across] = False
+        stack = lambda a, b: np.concatenate([a[keep], np.array(b, a.dtype).reshape(-1, *a.shape[1:])])  # noqa: E731
+        for field in ("part", "origin", "free"):
+            value = getattr(self, field)
+            setattr(self, field, np.concatenate([value[keep], value[source]]) if source else value)
+        self.triangles = stack(self.triangles, new)
+        self.corners = stack(self.corners, new_uv)
+        pairs = np.array(list(edges), np.int64).reshape(-1, 2)
+        share = d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]) if len(pairs) else np.zeros(0)
+        self.rest = np.concatenate([self.rest, _between(self.rest, pairs, share)])
+        if self.colors is not None:
+            self.colors = np.concatenate([self.colors, _between(self.colors, pairs, share)])
+        if self.uv is not None and corners:
+            ends = np.array(list(corners), np.int64)
+            self.uv = np.concatenate([self.uv, _between(self.uv, ends, np.array(shares))])
+        self.blend.append((pairs, share))
+        here = np.zeros(len(self.rest), bool)
+        here[first:] = True
+        here[touched[d[touched] == 0]] = True
+        self.on.append(here)
+
+    def pieces(self) -> Whole:
+        """(T,) which connected piece each triangle is of, the cuts between them."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        count, t = len(self.triangles), self.triangles.astype(np.int64)
+        edges = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
+        barred = np.zeros(len(edges), bool)
+        for on in self.on:
+            flag = np.zeros(len(self.rest), bool)
+            flag[: len(on)] = on
+            barred |= flag[edges].all(axis=1)
+        keys, number = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_inverse=True)
+        face = np.tile(np.arange(count), 3)
+        some = ~barred
+        graph = coo_array(
+            (np.ones(int(some.sum())), (face[some], count + number[some])), shape=(count + len(keys),) * 2
+        )
+        return connected_components(graph, directed=False)[1][:count].astype(np.int64)
+
+    def without(self, gone: Mask) -> None:
+        """Take triangles (T,) out."""
+        for field in ("triangles", "corners", "part", "origin", "free"):
+            setattr(self, field, getattr(self, field)[~gone])
+
+    def sew(self, number: int, loop: Loop) -> Whole:
+        """Fill the strip between cut `number` and its contour; the numbers (P,) of the contour's points, empty where
+        the cut left no loop."""
+        line = self._line(number, loop)
+        if line is None:
+            return np.zeros(0, np.int64)
+        each = loop.ring.points.shape[1]
+        first = len(self.rest)
+        ring = np.arange(first, first + each)
+        self.rest = np.concatenate([self.rest, loop.ring.points[0]])
+        face, inside = loop.ring.face[0], loop.ring.barycentric[0]
+        face = np.where(face >= 0, face, face[np.argmax(face >= 0)])
+        if self.colors is not None:
+            assert self.skin.colors is not None
+            own = np.einsum("nk,nkc->nc", inside, self.skin.colors[self.skin.triangles[face]])
+            self.colors = np.concatenate([self.colors, own])
+        corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
+        ring_uv = np.arange(each)
+        if self.uv is not None:
+            assert self.skin.uv is not None and self.skin.uv_triangles is not None
+            own = np.einsum("nk,nkc->nc", inside, self.skin.uv[self.skin.uv_triangles[face]])
+            ring_uv = len(self.uv) + ring_uv
+            self.uv = np.concatenate([self.uv, own])
+        a = loop.angles - loop.angles[0]
+        b = _angle(self.rest[line] - loop.beyond, loop) - loop.angles[0]
+        start = int(np.argmin(np.abs(np.angle(np.exp(1j * b)))))  # beside the contour's first point
+        line, b = np.roll(line, -start), np.roll(b, -start)
+        b = np.unwrap(b)
+        b = np.maximum.accumulate(b - 2 * np.pi * np.round(b[0] / (2 * np.pi)))
+        a, b = np.append(a, 2 * np.pi), np.append(b, max(b[0] + 2 * np.pi, b[-1]))
+        i = j = 0
+        faces = []
+        while i < each or j < len(line):
+            p, q, l, m = ring[i % each], ring[(i + 1) % each], line[j % len(line)], line[(j + 1) % len(line)]  # noqa: E741
+            if j == len(line) or (i < each and a[i + 1] <= b[j + 1]):
+                faces.append((p, q, l))
+                i += 1
+            else:
+                faces.append((p, m, l))
+                j += 1
+        strip = np.array(faces, np.int32)
+        if loop.side > 0:  # the skin is below its contour
+            strip = strip[:, ::-1]
+        known = {int(v): int(u) for v, u in zip(ring, ring_uv, strict=True)}
+        uv = np.array([[known.get(v, corner_of.get(v, 0)) for v in row] for row in strip.tolist()], np.int32)
+        near = np.flatnonzero(np.isin(self.triangles, line).any(axis=1))
+        home = int(np.bincount(self.part[near]).argmax())
+        self.triangles = np.concatenate([self.triangles, strip])
+        self.corners = np.concatenate([self.corners, uv])
+        self.part = np.concatenate([self.part, np.full(len(strip), home)])
+        self.origin = np.concatenate([self.origin, np.full(len(strip), -1)])
+        self.free = np.concatenate([self.free, np.zeros(len(strip), bool)])
+        return ring
+
+    def _line(self, number: int, loop: Loop) -> Whole | None:
+        """The vertices of the widest loop that a cut left, the angle growing; None when there is none."""
+        on = np.zeros(len(self.rest), bool)
+        on[: len(self.on[number])] = self.on[number]
+        t = self.triangles.astype(np.int64)
+        a, b = t[:, [0, 1, 2]].ravel(), t[:, [1, 2, 0]].ravel()
+        both = on[a] & on[b]
+        a, b = a[both], b[both]
+        keys = np.minimum(a, b) * len(self.rest) + np.maximum(a, b)
+        _, first, times = np.unique(keys, return_index=True, return_counts=True)
+        open_ = first[times == 1]
+        following: dict[int, list[int]] = {}
+        for u, v in zip(a[open_].tolist(), b[open_].tolist(), strict=True):
+            following.setdefault(u, []).append(v)
+        best, widest = None, 0.0
+        while following:
+            start = next(iter(following))
+            line, here = [start], start
+            while here in following:
+                ahead = following[here].pop()
+                if not following[here]:
+                    del following[here]
+                if ahead == start:
+                    break
+                line.append(ahead)
+                here = ahead
+            else:
+                continue  # not closed
+            points = self.rest[line] - self.rest[line].mean(axis=0)
+            area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) @ loop.axis
+            if len(line) > 2 and abs(area) > widest:
+                best, widest = np.array(line if area < 0 else line[::-1]), abs(area)
+        return best
+
+    def carried(self, values: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
+        """Values (V,n) of the original's vertices, such as weights (V,J), for all vertices; those of contours 0."""
+        for pairs, share in self.blend:
+            values = np.concatenate([values, _between(values, pairs, share)])
+        return np.concatenate([values, np.zeros((len(self.rest) - len(values), values.shape[1]))])
+
+    def meet(self, table: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
+        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import dijkstra
+
+        t = self.triangles.astype(np.int64)
+        edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+        length = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) + 1e-12
+        order = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_index=True)[1]
+        graph = coo_array((length[order], edges[order].T), shape=(len(self.rest),) * 2).tocsr()
+        near = np.zeros((len(loops), len(self.rest)))
+        own = np.zeros((len(loops), table.shape[1]))
+        for n, (ring, loop) in enumerate(zip(rings, loops, strict=True)):
+            on = np.flatnonzero(self.on[n])
+            start = np.concatenate([ring, on[np.isin(on, self.triangles)]])
+            if len(start):
+                far = dijkstra(graph, directed=False, indices=start, min_only=True, limit=loop.reach)
+                s = np.clip(1 - far / loop.reach, 0, 1)
+                near[n] = s * s * (3 - 2 * s)
+            np.add.at(own[n], loop.joints, loop.weights)
+        rest = 1 - near
+        kept = rest.prod(axis=0)
+        share = np.array([near[n] * np.delete(rest, n, axis=0).prod(axis=0) for n in range(len(loops))])
+        total = kept + share.sum(axis=0)
+        share, kept = share / np.maximum(total, 1e-12), kept / np.maximum(total, 1e-12)
+        return kept[:, None] * table + share.T @ own
+
+    def finished(self, table: Floats) -> Skin:
+        """The skin that is left, with weights (V,J) of all vertices."""
+        order = np.argsort(self.part, kind="stable")
+        triangles, corners, part = self.triangles[order], self.corners[order], self.part[order]
+        used, where = np.unique(triangles, return_inverse=True)
+        vertex, joint = np.nonzero(table[used] > 1e-6)
+        uv = uv_triangles = None
+        if self.uv is not None:
+            named, flat = np.unique(corners, return_inverse=True)
+            uv, uv_triangles = self.uv[named], flat.reshape(-1, 3).astype(np.int32)
+        parts: list[Part] = []
+        for n, p in enumerate(self.skin.parts):
+            start, stop = np.searchsorted(part, [n, n + 1]).tolist()
+            if stop > start:
+                parts.append(replace(p, start=start, stop=stop))
+        place = np.full(len(self.rest), -1, np.int64)
+        place[used] = np.arange(len(used))
+        morphs = []
+        for m in self.skin.morphs:
+            left = place[m.index] >= 0
+            if left.any():
+                morphs.append(replace(m, index=place[m.index[left]].astype(np.int32), offset=m.offset[left]))
+        return Skin(
+            self.rest[used], where.reshape(-1, 3).astype(np.int32),
+            Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
+            None if self.colors is None else self.colors[used], tuple(parts), tuple(morphs),
+        )  # fmt: skip
+
+
+def _between(values: Floats, pairs: Whole, share: Floats) -> Floats:
+    return values[pairs[:, 0]] + share[:, None] * (values[pairs[:, 1]] - values[pairs[:, 0]])
+
+
+def _angle(points: Floats, loop: Loop) -> Floats:
+    first, second = (d[0] for d in frames(loop.axis[None], loop.forward))
+    return np.arctan2(points @ second, points @ first)
