@@ -45,13 +45,15 @@ function initialize() {{
 
 @dataclass(frozen=True, eq=False)
 class Live:
-    """A scene that deforms itself. `body` is what it shows: the packed humanoid, in the scene's version and names.
+    """A scene that deforms itself. `body` is what it shows: the packed humanoid, in the scene's version and names,
+    `soft` the points of its skin that the script moves.
 
     `report`: points (contours), soft_points and rigid_points (between them), surfaces, joints, levels, script_bytes.
     """
 
     scene: Scene
     body: Body
+    soft: Soft
     lost: list[str]
     report: dict[str, int]
 
@@ -97,7 +99,7 @@ def live_scene(
         "script_bytes": len(made.code.encode()),
         "script_gzip_bytes": len(gzip.compress(made.code.encode(), mtime=0)),
     }
-    return Live(scene, body, lost, report)
+    return Live(scene, body, soft, lost, report)
 
 
 class _Writer:

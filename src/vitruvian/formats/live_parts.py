@@ -22,10 +22,11 @@ SOFT = "live_soft"  # how the shapes are named that the script moves
 class Soft:
     """Points of the skin that the script moves, shape after shape.
 
-    `rest`, `normals` (n,3) humanoid space; `influences` of n points, by joints of the body; `end` (s,) where each shape
+    `vertices` (n,) numbers of skin points, `rest`, `normals` (n,3) in humanoid space; `influences` of n points, by joints of the body; `end` (s,) where each shape
     ends, `names` its shapes; `far` (n,) whether a point follows a hand, a foot or the head.
     """
 
+    vertices: Ints
     rest: Floats
     normals: Floats
     influences: Influences
@@ -75,7 +76,7 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
     joint, weight = rows.joint[entry], rows.weight[entry]
     far = _extremities(body)[np.minimum(joint[row[:-1]], len(joints) - 1)] if len(chosen) else np.zeros(0, bool)
     soft = Soft(
-        humanoid.skin_coord[chosen], normal[chosen], Influences(row, joint, weight, len(body.skeleton)),
+        chosen.astype(np.int32), humanoid.skin_coord[chosen], normal[chosen], Influences(row, joint, weight, len(body.skeleton)),
         np.cumsum([len(t) for t in taken]).astype(np.int32), tuple(names), far.astype(np.int32),
     )  # fmt: skip
     return out.settled(), soft
