@@ -157,11 +157,11 @@ def test_xite_runs_the_script_and_its_points_are_ours(browser, referee, humanoid
     with shown(browser, referee, path) as page:
         found = page.evaluate(STEPS, [steps, [s.name for s in live.body.contours], softs])
     for joint, rotation in last.items():  # and the joints got their rotations
-        assert np.allclose(
-            np.abs(from_axis_angle(found[1]["joints"][joint]) @ from_axis_angle(rotation)), 1, atol=1e-6
-        )
+        assert np.allclose(np.abs(from_axis_angle(found[1]["joints"][joint]) @ from_axis_angle(rotation)), 1, atol=1e-6)
     worst, pose, before, coarse = 0.0, {}, {}, False
-    used = {s.name: np.unique(t) for s, t in zip(live.body.contours, levels(live.body, live.body.contours)[2], strict=True)}
+    used = {
+        s.name: np.unique(t) for s, t in zip(live.body.contours, levels(live.body, live.body.contours)[2], strict=True)
+    }
     for step, got in zip(steps, found, strict=True):
         pose = pose | step["pose"]
         coarse = coarse or step["events"].get("set_lod", 0) > 0

@@ -39,6 +39,11 @@ def contours(
     form = registry.extension(out)
     if live and form not in registry.SCENES and form != ".json":
         raise VitruvianError(f"--live: expected a scene file to write (.x3d, .x3dv, .x3dj, .wrl), found {out}")
+    chosen = tuple(s.strip() for s in schemes.split(",") if s.strip())
+    if live:
+        from vitruvian.formats.live import known
+
+        known(pointers, chosen)
     made = contoured(subject(source, repair=repair), density=density, mitre=mitre, diversion=diversion)
     surfaces = [c for s in made.humanoid.segments() for c in s.contours]
     document: dict[str, Any] = {
@@ -49,7 +54,6 @@ def contours(
         "shape_error_max_mm": round(made.error[1] * 1000, 3),
     }
     if live:
-        chosen = tuple(s.strip() for s in schemes.split(",") if s.strip())
         document |= _write_live(made.humanoid, out, skin, fingers, pointers, chosen)
     else:
         document["lost"] = registry.save(made.humanoid, out)["lost"]

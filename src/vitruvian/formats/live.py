@@ -74,11 +74,8 @@ def live_scene(
     default "javascript" in VRML97, "ecmascript" in X3D. Raises VitruvianError for a body without contours and for an
     unknown option.
     """
-    if pointers not in POINTERS:
-        raise VitruvianError(f"pointers: expected {', '.join(POINTERS)}, found {pointers!r}")
     schemes = schemes or (("javascript",) if encoding == "wrl" else ("ecmascript",))
-    if any(s not in SCHEMES for s in schemes):
-        raise VitruvianError(f"schemes: expected some of {', '.join(SCHEMES)}, found {', '.join(map(repr, schemes))}")
+    known(pointers, schemes)
     version = version or ("200x" if encoding == "wrl" else "2.0")
     there, _ = converted(humanoid, version)
     body = pack(there)
@@ -100,6 +97,14 @@ def live_scene(
         "script_gzip_bytes": len(gzip.compress(made.code.encode(), mtime=0)),
     }
     return Live(scene, body, soft, lost, report)
+
+
+def known(pointers: str, schemes: tuple[str, ...]) -> None:
+    """Raise VitruvianError unless these are options of `live_scene`."""
+    if pointers not in POINTERS:
+        raise VitruvianError(f"pointers: expected {', '.join(POINTERS)}, found {pointers!r}")
+    if any(s not in SCHEMES for s in schemes):
+        raise VitruvianError(f"schemes: expected some of {', '.join(SCHEMES)}, found {', '.join(map(repr, schemes))}")
 
 
 class _Writer:
@@ -167,7 +172,9 @@ class _Writer:
             if nodes:
                 declare(ProtoField("initializeOnly", "SFNode", "Human", _use(self.human)))
             else:
-                declare(ProtoField("initializeOnly", "MFNode", "jointNodes", [_use(self.joints[n]) for n in self.names]))
+                declare(
+                    ProtoField("initializeOnly", "MFNode", "jointNodes", [_use(self.joints[n]) for n in self.names])
+                )
                 shown = [_use(self.surfaces[s.name]) for s in self.body.contours]
                 declare(ProtoField("initializeOnly", "MFNode", "surfaceNodes", shown))
             if geometry:
@@ -316,9 +323,7 @@ class _Writer:
         lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(self.names)]
         surfaces = len(self.body.contours)
         if self.pointers == "routes":
-            points, vectors, faces = (
-                [f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index")
-            )
+            points, vectors, faces = ([f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index"))
             rotations = [f"hanim_{name}_rotation" for name in self.names]
         else:
             if self.pointers == "human":
@@ -347,10 +352,10 @@ class _Writer:
     def _reroute(self, joints: dict[str, str]) -> None:
         """Routes that turn a joint go to the script."""
         for statement in self.scene.body:
-            if isinstance(statement, Route) and statement.to_field in ("rotation", "set_rotation"):
-                if statement.to_node in joints:
-                    statement.to_field = f"hanim_{joints[statement.to_node]}Def"
-                    statement.to_node = SCRIPT
+            turns = isinstance(statement, Route) and statement.to_field in ("rotation", "set_rotation")
+            if turns and isinstance(statement, Route) and statement.to_node in joints:
+                statement.to_field = f"hanim_{joints[statement.to_node]}Def"
+                statement.to_node = SCRIPT
 
     def _clock(self) -> None:
         """A second script between TimeSensors and interpolators, so that `set_speed` makes the animation slower, faster
@@ -448,5 +453,3 @@ def _use(node: Node) -> Use:
 
 def _text(value: object) -> str:
     return value if isinstance(value, str) else ""
-
-

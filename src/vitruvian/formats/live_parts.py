@@ -22,8 +22,9 @@ SOFT = "live_soft"  # how the shapes are named that the script moves
 class Soft:
     """Points of the skin that the script moves, shape after shape.
 
-    `vertices` (n,) numbers of skin points, `rest`, `normals` (n,3) in humanoid space; `influences` of n points, by joints of the body; `end` (s,) where each shape
-    ends, `names` its shapes; `far` (n,) whether a point follows a hand, a foot or the head.
+    `vertices` (n,) numbers of skin points, `rest`, `normals` (n,3) in humanoid space; `influences` of n points, by
+    joints of the body; `end` (s,) where each shape ends, `names` its shapes; `far` (n,) whether a point follows a hand,
+    a foot or the head.
     """
 
     vertices: Ints
@@ -47,7 +48,10 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
         joint.skin_coord_index, joint.skin_coord_weight, joint.displacers = np.zeros(0, np.int32), np.zeros(0), []
     count = len(humanoid.skin_coord)
     rows = bind(body.skin.weights, len(body.skeleton), rigid=True)
-    single = np.where(rows.counts == 1, rows.joint[rows.row[:-1].clip(0, len(rows.joint) - 1)], -1)[:count]
+    single = np.full(len(rows), -1)
+    alone = rows.counts == 1
+    single[alone] = rows.joint[rows.row[:-1][alone]]
+    single = single[:count]
     shapes = [s for s in humanoid.skin if s.points is None and len(s.triangles)]
     for shape in humanoid.skin:
         if shape.points is not None:
@@ -76,7 +80,8 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
     joint, weight = rows.joint[entry], rows.weight[entry]
     far = _extremities(body)[np.minimum(joint[row[:-1]], len(joints) - 1)] if len(chosen) else np.zeros(0, bool)
     soft = Soft(
-        chosen.astype(np.int32), humanoid.skin_coord[chosen], normal[chosen], Influences(row, joint, weight, len(body.skeleton)),
+        chosen.astype(np.int32),
+        humanoid.skin_coord[chosen], normal[chosen], Influences(row, joint, weight, len(body.skeleton)),
         np.cumsum([len(t) for t in taken]).astype(np.int32), tuple(names), far.astype(np.int32),
     )  # fmt: skip
     return out.settled(), soft
@@ -123,7 +128,7 @@ def smooth_normals(body: Body, surfaces: Collection[Contours]) -> Floats:
     same = same.reshape(-1)
     first, triangles = 0, []
     for s in surfaces:
-        triangles.append(grid(np.arange(s.vertices.size).reshape(s.vertices.shape) + first, s.closed))
+        triangles.append(grid(_numbers(s) + np.int32(first), s.closed))
         first += s.vertices.size
     every = np.concatenate(triangles)
     sums = np.zeros((same.max() + 1, 3))
@@ -135,13 +140,17 @@ def smooth_normals(body: Body, surfaces: Collection[Contours]) -> Floats:
     return np.where(size > 1e-15, sums / np.where(size > 0, size, 1), [0.0, 1.0, 0.0])[same]
 
 
+def _numbers(surface: Contours) -> Ints:
+    return np.arange(surface.vertices.size, dtype=np.int32).reshape(surface.vertices.shape)
+
+
 def levels(body: Body, surfaces: Collection[Contours], count: int = LEVELS) -> list[list[Ints]]:
     """Triangles (t,3) of each surface at each level of detail, as numbers of its own points; 0 is the finest.
 
     A level keeps every second contour and point of the one before, and always seams and the ends of ramps. Where two
     surfaces share a loop, both keep the same of its points, so that no level opens a seam.
     """
-    out = [[grid(np.arange(s.vertices.size).reshape(s.vertices.shape), s.closed) for s in surfaces]]
+    out = [[grid(_numbers(s), s.closed) for s in surfaces]]
     for level in range(1, count):
         out.append(_coarse(body, list(surfaces), 2**level))
     return out
@@ -165,7 +174,7 @@ def _coarse(body: Body, surfaces: list[Contours], step: int) -> list[Ints]:
     for s, keep, key, mine in zip(surfaces, kept, keys, rows, strict=True):
         for r in (0, len(s) - 1):
             keep[r] |= [tuple(k) in shared for k in key[r].tolist()]
-        picked = [np.flatnonzero(keep[r]) for r in mine]
+        picked = [np.flatnonzero(keep[r]).astype(np.int32) for r in mine]
         made.append(
             np.concatenate([
                 _strip(a, picked[n], b, picked[n + 1], s.vertices.shape[1], s.closed)
@@ -190,8 +199,8 @@ def _rows(surface: Contours, step: int) -> list[int]:
 
 
 def _every(count: int, step: int, closed: bool) -> Ints:
-    chosen = np.arange(0, count, step) if count > 2 * step else np.arange(count)
-    return chosen if closed or chosen[-1] == count - 1 else np.append(chosen, count - 1)
+    chosen = np.arange(0, count, step if count > 2 * step else 1, dtype=np.int32)
+    return chosen if closed or chosen[-1] == count - 1 else np.append(chosen, np.int32(count - 1))
 
 
 def _strip(row: int, near: Ints, below: int, far: Ints, each: int, closed: bool) -> Ints:

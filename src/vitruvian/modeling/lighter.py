@@ -118,7 +118,7 @@ def _reduced(points: Floats, shape: Shape, budget: int) -> tuple[Floats, Ints, I
 
     used, local = np.unique(shape.triangles, return_inverse=True)
     _, first, same = np.unique(np.round(points[used], 6), axis=0, return_index=True, return_inverse=True)
-    triangles = same.reshape(-1)[local.reshape(-1, 3)]
+    triangles = same.reshape(-1)[local.reshape(-1, 3)].astype(np.int32)
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
     goal = max(_LEAST, min(budget, len(triangles)))
