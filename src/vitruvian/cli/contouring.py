@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from vitruvian.cli import app
 from vitruvian.cli.output import Json, Out, Repair, count, emit
 from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from vitruvian.body.types import Body
+    from vitruvian.hanim.humanoid import Humanoid
 
 
 @app.command(epilog="Example: vitruvian contours body.x3d -o contours.wrl --live")
@@ -30,6 +34,10 @@ def contours(
     report: bool = typer.Option(
         False, "--report", help="Say what hard poses do to it, and how each Segment's surface can be organised."
     ),
+    skin: int = typer.Option(2000, help="--live: points of head, hands, feet and clothes together; 0 keeps them all."),
+    fingers: bool = typer.Option(False, "--fingers", help="--live: fingers and toes bend."),
+    pointers: str = typer.Option("routes", help="--live: what leaves the script by: routes, human, nodes."),
+    schemes: str = typer.Option("", help="--live: javascript, ecmascript, vrmlscript: copies of the script, in order."),
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
@@ -43,6 +51,11 @@ def contours(
     form = registry.extension(out)
     if live and form not in registry.SCENES and form != ".json":
         raise VitruvianError(f"--live: expected a scene file to write (.x3d, .x3dv, .x3dj, .wrl), found {out}")
+    chosen = tuple(s.strip() for s in schemes.split(",") if s.strip())
+    if live:
+        from vitruvian.formats.live import known
+
+        known(pointers, chosen)
     humanoid = subject(source, repair=repair)
     made = contoured(humanoid, density=density, mitre=mitre, diversion=diversion)
     tuned(made.humanoid, _changes(change))
@@ -65,15 +78,23 @@ def contours(
         ]
         more += [f"{s.segment}: {s.mode or 'not organised'}{': ' + s.message if s.message else ''}" for s in organised]
     if live:
-        document |= _write_live(made.humanoid, out)
+        document |= _write_live(made.humanoid, out, skin, fingers, pointers, chosen)
     else:
         document["lost"] = registry.save(made.humanoid, out)["lost"]
     document["file_bytes"] = out.stat().st_size
-    text = (
+    lines = [
         f"wrote {out}: {count(document['surfaces'], 'surface')}, {count(document['contours'], 'contour')}, "
         f"{count(document['points'], 'point')}, {document['shape_error_mm']:.2f} mm off in the mean"
-    )
-    emit(document, "\n".join([text, *more, *(f"lost: {line}" for line in document["lost"])]), as_json)
+    ]
+    if live:
+        lines.append(
+            f"live: {count(document['live']['soft_points'], 'more point')} moved by the script and "
+            f"{document['live']['rigid_points']} that ride on joints; file {document['file_bytes'] / 1000:.0f} kB, "
+            f"{document['file_gzip_bytes'] / 1000:.0f} kB packed; script {document['script_bytes'] / 1000:.0f} kB, "
+            f"{document['live']['script_gzip_bytes'] / 1000:.0f} kB packed; "
+            f"here a pose takes {document['pose_ms']:.2f} ms"
+        )
+    emit(document, "\n".join([*lines, *more, *(f"lost: {line}" for line in document["lost"])]), as_json)
 
 
 def _changes(options: list[str]) -> dict[str, dict[str, float]]:
@@ -95,17 +116,41 @@ def _changes(options: list[str]) -> dict[str, dict[str, float]]:
     return out
 
 
-def _write_live(humanoid: Any, out: Path) -> dict[str, Any]:
-    from vitruvian.body.pack import pack
+def _write_live(
+    humanoid: Humanoid, out: Path, skin: int, fingers: bool, pointers: str, schemes: tuple[str, ...]
+) -> dict[str, Any]:
+    import gzip
+
     from vitruvian.formats import registry
-    from vitruvian.formats.live import add_script
-    from vitruvian.hanim.build import scene_of
-    from vitruvian.hanim.convert import converted
+    from vitruvian.formats.live import live_scene
+    from vitruvian.modeling.lighter import lightened
 
     form = registry.extension(out)
+    shown = lightened(humanoid, skin, fingers=fingers) if skin else humanoid
     encoding = "x3dj" if form == ".json" else form[1:]
-    version = "200x" if encoding == "wrl" else "2.0"
-    scene, lost = scene_of([humanoid], version=version, encoding=encoding)
-    told = add_script(scene, humanoid, pack(converted(humanoid, version)[0]))
-    registry.write_scene(scene, out)
-    return {"lost": lost, "script_bytes": told["script_bytes"]}
+    made = live_scene(shown, encoding=encoding, pointers=pointers, schemes=schemes or None)
+    registry.write_scene(made.scene, out)
+    return {
+        "lost": made.lost,
+        "script_bytes": made.report["script_bytes"],
+        "file_gzip_bytes": len(gzip.compress(out.read_bytes(), mtime=0)),
+        "pose_ms": round(_pose_ms(made.body), 3),
+        "live": made.report,
+    }
+
+
+def _pose_ms(body: Body) -> float:
+    """How long our own deformer takes for a pose of the same body: the best of some frames, milliseconds."""
+    import time
+
+    import numpy as np
+
+    from vitruvian.deform.deformer import deformer
+
+    deform, rest = deformer("contours", body), np.tile(np.eye(4), (len(body.skeleton), 1, 1))
+    times = []
+    for _ in range(10):
+        start = time.perf_counter()
+        deform(rest)
+        times.append(time.perf_counter() - start)
+    return min(times) * 1000

@@ -1,30 +1,91 @@
-// Moves contours by shares of their joints' rotations, as vitruvian does; see its documentation of contours.
-// Rotations arrive as events, the points of all surfaces go out first, then the rotations go on to the joints.
+// Moves contours by shares of their joints' rotations, and what lies between them by its weights, as vitruvian does;
+// see its documentation of the live file. Rotations arrive as events, the points of all surfaces go out first, then
+// the rotations go on to the joints. Everything is worked out once for each moment, however many events it brings, and
+// only for surfaces that they concern.
 
-var J, C, turns, fresh, dirty, rest, place, links, on;
+var F = typeof Float32Array === 'undefined' ? Array : Float32Array;
+var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12;
+var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, moved;
 
-function plain(field) { var a = [], i; for (i = 0; i < field.length; ++i) a.push(field[i]); return a; }
+function plain(field) { var a = [], i, n = field.length; for (i = 0; i < n; ++i) a.push(field[i]); return a; }
+
+// Numbers of an MFVec3f-like field that is stored flat, three by three.
+function three(a, i) { return [a[3 * i], a[3 * i + 1], a[3 * i + 2]]; }
+
+// Some browsers take all numbers of a field at once, which is far quicker than point by point.
+function takesArrays() {
+  var t;
+  try {
+    t = new MFVec3f();
+    t.setValue(new Float32Array([1, 2, 3, 4, 5, 6]));
+    return t.length === 2 && t[1].z === 6;
+  } catch (e) { return false; }
+}
 
 function initialize() {
-  var i, j;
-  J = parent.length; C = base.length;
-  turns = []; fresh = []; dirty = false; on = true;
-  for (i = 0; i < J; ++i) { turns.push([0, 0, 1, 0]); fresh.push(null); }
-  rest = plain(points);
+  var i, n = 0;
   place = {
     parent: plain(parent), center: plain(center), link: plain(link), axis: plain(axis), bone: plain(bone),
     base: plain(base), row: plain(row), step: plain(step), swing: plain(swing), twist: plain(twist),
     middle: plain(middle), along: plain(along), frame: plain(frame), diversion: plain(diversion), mitre: plain(mitre),
     mitreLink: plain(mitreLink), mitreShare: plain(mitreShare), bulge: plain(bulge), bulgeLink: plain(bulgeLink),
-    first: plain(first), each: plain(each), switched: plain(switched)
+    first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
+    pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
+    softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
+    facesRow: plain(facesRow), faces: plain(faces)
   };
-  links = [];
-  for (i = 0; i < place.link.length / 2; ++i) { j = [0, 0, 0, 1]; links.push({ before: j, known: false }); }
+  J = place.parent.length;
+  turns = []; fresh = []; links = []; parts = [];
+  dirty = []; on = true; survey = false; level = 0;
+  for (i = 0; i < J; ++i) { turns.push([0, 0, 1, 0]); fresh.push(null); }
+  for (i = 0; i < place.link.length / 2; ++i) links.push({ before: [0, 0, 0, 1], known: false });
+  quick = takesArrays();
+  for (i = 0; i < place.each.length + place.softEnd.length; ++i) {
+    var p = { first: n, count: size(i), soft: i - place.each.length };
+    n += p.count;
+    p.points = new F(3 * p.count); p.normals = new F(3 * p.count);
+    p.sent = quick ? new MFVec3f() : null; p.sentNormals = quick ? new MFVec3f() : null;
+    p.used = everything(p.count);
+    parts.push(p);
+  }
 }
 
-function turn(j, value) { turns[j] = [value[0], value[1], value[2], value[3]]; fresh[j] = value; dirty = true; }
+function size(i) {
+  var k = i - place.each.length;
+  if (k >= 0) return place.softEnd[k] - (k > 0 ? place.softEnd[k - 1] : 0);
+  return place.each[i] * (place.first[i + 1] - place.first[i]);
+}
 
-function set_extremities(value) { on = value; dirty = true; }
+function everything(count) { var a = [], i; for (i = 0; i < count; ++i) a.push(1); return a; }
+
+function turn(j, value) { turns[j] = [value[0], value[1], value[2], value[3]]; fresh[j] = value; dirty.push(j); }
+function set_extremities(value) { on = value; dirty.push(-1); }
+function set_survey(value) { survey = value; dirty.push(-1); }
+
+// Another level of detail: other faces, and only the points that they use are worked out.
+function set_lod(value) {
+  var levels = (place.facesRow.length - 1) / place.each.length, s, i, a;
+  level = Math.max(0, Math.min(value, levels - 1));
+  for (s = 0; s < place.each.length; ++s) {
+    a = facesOf(s);
+    parts[s].used = everything(0);
+    for (i = 0; i < parts[s].count; ++i) parts[s].used.push(0);
+    for (i = 0; i < a.length; ++i) parts[s].used[a[i]] = 1;
+    parts[s].relevel = true;
+  }
+  dirty.push(-1);
+}
+
+function facesOf(s) {
+  var i = level * place.each.length + s;
+  return place.faces.slice(place.facesRow[i], place.facesRow[i + 1]);
+}
+
+function index(s) {
+  var a = facesOf(s), out = new MFInt32(), i, n = 0;
+  for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (POLYGONS && i % 3 === 2) out[n++] = -1; }
+  return out;
+}
 
 function quaternion(x, y, z, a) {
   var n = Math.sqrt(x * x + y * y + z * z), s = n > 0 ? Math.sin(a / 2) / n : 0;
@@ -38,14 +99,19 @@ function product(a, b) {
   ];
 }
 
-// Rows of a 3x4 matrix that turns by q about c, and moves by t.
-function motion(q, c, t) {
-  var x = q[0], y = q[1], z = q[2], w = q[3], m = [
-    1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), 0,
-    2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), 0,
-    2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), 0
-  ], r;
-  for (r = 0; r < 12; r += 4) m[r + 3] = c[r / 4] + t[r / 4] - (m[r] * c[0] + m[r + 1] * c[1] + m[r + 2] * c[2]);
+// Rows of a 3x4 matrix that turns by q and moves by t.
+function matrix(q, t) {
+  var x = q[0], y = q[1], z = q[2], w = q[3];
+  return [
+    1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), t[0],
+    2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), t[1],
+    2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), t[2]
+  ];
+}
+
+function about(q, c) {
+  var m = matrix(q, [0, 0, 0]), r;
+  for (r = 0; r < 12; r += 4) m[r + 3] = c[r / 4] - (m[r] * c[0] + m[r + 1] * c[1] + m[r + 2] * c[2]);
   return m;
 }
 
@@ -56,85 +122,21 @@ function times(a, b) {
   return m;
 }
 
-function apply(m, x, y, z) {
-  return [m[0] * x + m[1] * y + m[2] * z + m[3], m[4] * x + m[5] * y + m[6] * z + m[7], m[8] * x + m[9] * y + m[10] * z + m[11]];
+function apply(m, p) {
+  return [m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3], m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7],
+    m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11]];
 }
 
+function cross(a, b) { return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]; }
+function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// Axis times angle.
 function logarithm(q) {
-  var n = Math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]), s = n < 1e-12 ? 2 : 2 * Math.atan2(n, q[3]) / n;
+  var n = Math.sqrt(dot(q, q)), s = n < SMALL ? 2 : 2 * Math.atan2(n, q[3]) / n;
   return [q[0] * s, q[1] * s, q[2] * s];
 }
 
-function part(v, share) {
-  var a = share * Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-  return quaternion(v[0], v[1], v[2], a);
-}
-
-var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
-function three(a, i) { return [a[3 * i], a[3 * i + 1], a[3 * i + 2]]; }
-
-// How the joints of each link are turned against each other: a joint's own rotation, or that of a chain of them.
-function turned(world) {
-  var p = place, l, k, q, dot, n, along, size, back, j;
-  for (l = 0; l < links.length; ++l) {
-    k = links[l];
-    q = [0, 0, 0, 1];
-    for (j = p.link[2 * l + 1]; j >= 0 && j !== p.link[2 * l]; j = p.parent[j]) q = product(world[j], q);
-    dot = q[0] * k.before[0] + q[1] * k.before[1] + q[2] * k.before[2] + q[3] * k.before[3];
-    if (k.known && Math.abs(dot) >= 0.9238795325112867 ? dot < 0 : q[3] < 0) q = [-q[0], -q[1], -q[2], -q[3]];
-    k.before = q; k.known = true;
-    k.whole = logarithm(q);
-    n = three(p.axis, l);
-    along = q[0] * n[0] + q[1] * n[1] + q[2] * n[2];
-    size = Math.sqrt(along * along + q[3] * q[3]);
-    back = size < 1e-12 ? [0, 0, 0, 1] : [-along * n[0] / size, -along * n[1] / size, -along * n[2] / size, q[3] / size];
-    k.swing = logarithm(product(q, back));
-    k.twist = size < 1e-12 ? 0 : 2 * Math.atan2(along, q[3]);
-    k.bend = Math.sqrt(k.swing[0] * k.swing[0] + k.swing[1] * k.swing[1] + k.swing[2] * k.swing[2]);
-  }
-}
-
-function contour(i, M) {
-  var p = place, m = p.base[i] < 0 ? STILL : M[p.base[i]], s, l, k, n, c = three(p.middle, i), q, half, sine;
-  for (s = p.row[i]; s < p.row[i + 1]; ++s) {
-    l = p.step[s]; k = links[l]; n = three(p.axis, l);
-    if (p.twist[s] < 0) q = part(k.whole, p.swing[s]);
-    else {
-      half = p.twist[s] * k.twist / 2; sine = Math.sin(half);
-      q = product(part(k.swing, p.swing[s]), [n[0] * sine, n[1] * sine, n[2] * sine, Math.cos(half)]);
-    }
-    m = times(m, motion(q, three(p.center, p.link[2 * l + 1]), [0, 0, 0]));
-  }
-  var shift = [0, 0, 0], here, there, r, stretch = 0, u = [0, 0, 0], widen = 1, d, v, size, full, a, b, j, w;
-  if (p.diversion[i] !== 0) {
-    here = apply(m, c[0], c[1], c[2]); there = apply(M[p.frame[i]], c[0], c[1], c[2]);
-    for (r = 0; r < 3; ++r) shift[r] = p.diversion[i] * (there[r] - here[r]);
-  }
-  if (p.mitre[i] !== 0) {
-    k = links[p.mitreLink[i]]; v = k.swing; d = three(p.bone, p.mitreLink[i]);
-    u = [v[1] * d[2] - v[2] * d[1], v[2] * d[0] - v[0] * d[2], v[0] * d[1] - v[1] * d[0]];
-    size = Math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
-    if (size > 1e-12) {
-      full = Math.min(1 / Math.cos(Math.min(p.mitreShare[i] * k.bend, 1.5)), 1.5);
-      stretch = p.mitre[i] * (full - 1);
-      u = [u[0] / size, u[1] / size, u[2] / size];
-    }
-  }
-  if (p.bulge[i] !== 0) widen = 1 + p.bulge[i] * (1 - Math.cos(links[p.bulgeLink[i]].bend)) / 2;
-  if (widen !== 1 || stretch !== 0) {
-    here = apply(m, c[0], c[1], c[2]); d = three(p.along, i); w = m.slice(0);
-    for (r = 0; r < 3; ++r) {
-      a = m[4 * r] * u[0] + m[4 * r + 1] * u[1] + m[4 * r + 2] * u[2];
-      b = m[4 * r] * d[0] + m[4 * r + 1] * d[1] + m[4 * r + 2] * d[2];
-      for (j = 0; j < 3; ++j) w[4 * r + j] = widen * (m[4 * r + j] + stretch * a * u[j]) + (1 - widen) * b * d[j];
-      w[4 * r + 3] = here[r] - (w[4 * r] * c[0] + w[4 * r + 1] * c[1] + w[4 * r + 2] * c[2]);
-    }
-    m = w;
-  }
-  m = m.slice(0);
-  for (r = 0; r < 3; ++r) m[4 * r + 3] += shift[r];
-  return m;
-}
+function part(v, share) { return quaternion(v[0], v[1], v[2], share * Math.sqrt(dot(v, v))); }
 
 // m seen from the surface's joint, whose matrix is f: f^-1 m.
 function seen(f, m) {
@@ -146,33 +148,227 @@ function seen(f, m) {
   return out;
 }
 
-function surface(s, M) {
-  var p = place, out = new MFVec3f(), i, k, x, n = 0, at, f, c, q;
-  for (i = 0; i < s; ++i) n += p.each[i] * (p.first[i + 1] - p.first[i]);
-  f = p.frame[p.first[s]]; c = three(p.center, f); at = 0;
-  out.length = p.each[s] * (p.first[s + 1] - p.first[s]);
-  for (i = p.first[s]; i < p.first[s + 1]; ++i) {
-    x = !on && p.switched[s] ? STILL : seen(M[f], contour(i, M));
-    for (k = 0; k < p.each[s]; ++k, ++n, ++at) {
-      q = apply(x, rest[3 * n], rest[3 * n + 1], rest[3 * n + 2]);
-      out[at] = new SFVec3f(q[0] - c[0], q[1] - c[1], q[2] - c[2]);
+// How the joints of each link are turned against each other: a joint's own rotation, or that of a chain of them.
+function turned() {
+  var p = place, l, k, q, d, n, along, size, back, j;
+  for (l = 0; l < links.length; ++l) {
+    k = links[l];
+    q = [0, 0, 0, 1];
+    for (j = p.link[2 * l + 1]; j >= 0 && j !== p.link[2 * l]; j = p.parent[j]) q = product(world[j], q);
+    d = dot(q, k.before) + q[3] * k.before[3];
+    if (k.known && Math.abs(d) >= 0.9238795325112867 ? d < 0 : q[3] < 0) q = [-q[0], -q[1], -q[2], -q[3]];
+    k.before = q; k.known = true;
+    k.whole = logarithm(q);
+    n = three(p.axis, l);
+    along = dot(q, n);
+    size = Math.sqrt(along * along + q[3] * q[3]);
+    d = size < SMALL ? 0 : 1 / size;
+    back = d ? [-along * n[0] * d, -along * n[1] * d, -along * n[2] * d, q[3] * d] : [0, 0, 0, 1];
+    k.swing = logarithm(product(q, back));
+    k.twist = size < SMALL ? 0 : 2 * Math.atan2(along, q[3]);
+    k.bend = Math.sqrt(dot(k.swing, k.swing));
+  }
+}
+
+function contour(i) {
+  var p = place, m = p.base[i] < 0 ? STILL : M[p.base[i]], s, l, k, n, c = three(p.middle, i), q, half, sine;
+  for (s = p.row[i]; s < p.row[i + 1]; ++s) {
+    l = p.step[s]; k = links[l]; n = three(p.axis, l);
+    if (p.twist[s] < 0) q = part(k.whole, p.swing[s]);
+    else {
+      half = p.twist[s] * k.twist / 2; sine = Math.sin(half);
+      q = product(part(k.swing, p.swing[s]), [n[0] * sine, n[1] * sine, n[2] * sine, Math.cos(half)]);
     }
+    m = times(m, about(q, three(p.center, p.link[2 * l + 1])));
+  }
+  var shift = [0, 0, 0], here, there, r, stretch = 0, u = [0, 0, 0], widen = 1, size;
+  if (p.diversion[i] !== 0) {
+    here = apply(m, c); there = apply(M[p.frame[i]], c);
+    for (r = 0; r < 3; ++r) shift[r] = p.diversion[i] * (there[r] - here[r]);
+  }
+  if (p.mitre[i] !== 0) {
+    k = links[p.mitreLink[i]];
+    u = cross(k.swing, three(p.bone, p.mitreLink[i]));
+    size = Math.sqrt(dot(u, u));
+    if (size > SMALL) {
+      stretch = p.mitre[i] * (Math.min(1 / Math.cos(Math.min(p.mitreShare[i] * k.bend, 1.5)), 1.5) - 1);
+      u = [u[0] / size, u[1] / size, u[2] / size];
+    }
+  }
+  if (p.bulge[i] !== 0) widen = 1 + p.bulge[i] * (1 - Math.cos(links[p.bulgeLink[i]].bend)) / 2;
+  if (widen !== 1 || stretch !== 0) m = widened(m, c, three(p.along, i), widen, u, stretch);
+  m = m.slice(0);
+  for (r = 0; r < 3; ++r) m[4 * r + 3] += shift[r];
+  return m;
+}
+
+// m after widening across d and stretching along u, about the point c.
+function widened(m, c, d, widen, u, stretch) {
+  var here = apply(m, c), w = m.slice(0), r, j, a, b;
+  for (r = 0; r < 3; ++r) {
+    a = m[4 * r] * u[0] + m[4 * r + 1] * u[1] + m[4 * r + 2] * u[2];
+    b = m[4 * r] * d[0] + m[4 * r + 1] * d[1] + m[4 * r + 2] * d[2];
+    for (j = 0; j < 3; ++j) w[4 * r + j] = widen * (m[4 * r + j] + stretch * a * u[j]) + (1 - widen) * b * d[j];
+    w[4 * r + 3] = here[r] - (w[4 * r] * c[0] + w[4 * r + 1] * c[1] + w[4 * r + 2] * c[2]);
+  }
+  return w;
+}
+
+// Volume survey: contours of a surface widened or narrowed so that what lies between two of them keeps its volume.
+function surveyed(all, first) {
+  var p = place, total = [], count = [], i, k, a, b, pair, way, now, was, ratio, out = [], factor, sum, x, y;
+  for (i = 0; i < all.length; ++i) { total.push(0); count.push(0); }
+  function turnedArea(m, v) {
+    return [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[4] * v[0] + m[5] * v[1] + m[6] * v[2],
+      m[8] * v[0] + m[9] * v[1] + m[10] * v[2]];
+  }
+  function slab(one, two, from, to) {
+    way = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
+    return (dot(one, way) + dot(two, way)) / 2;
+  }
+  for (pair = 0; pair < p.pair.length; pair += 2) {
+    a = p.pair[pair] - first; b = p.pair[pair + 1] - first;
+    if (a < 0 || b < 0 || a >= all.length || b >= all.length) continue;
+    x = three(p.area, a + first); y = three(p.area, b + first);
+    was = slab(x, y, three(p.middle, a + first), three(p.middle, b + first));
+    now = slab(turnedArea(all[a], x), turnedArea(all[b], y),
+      apply(all[a], three(p.middle, a + first)), apply(all[b], three(p.middle, b + first)));
+    ratio = Math.max(0.49, Math.min(1.96, was / (Math.abs(now) > SMALL ? now : SMALL)));
+    total[a] += ratio; total[b] += ratio; ++count[a]; ++count[b];
+  }
+  for (i = 0; i < all.length; ++i) {
+    factor = count[i] > 0 ? Math.sqrt(total[i] / count[i]) : 1;
+    factor = 1 + p.free[i + first] * (Math.max(0.7, Math.min(1.4, factor)) - 1);
+    out.push(widened(all[i], three(p.middle, i + first), three(p.along, i + first), factor, [0, 0, 0], 0));
   }
   return out;
 }
 
-// Once per moment, however many rotations came.
+// Puts point n of the body, moved by x, at place k of its part; normals turn along.
+function put(o, k, x, n, c) {
+  var r = place.points, s = place.normals, a = r[3 * n], b = r[3 * n + 1], d = r[3 * n + 2], i;
+  for (i = 0; i < 3; ++i)
+    o.points[3 * k + i] = x[4 * i] * a + x[4 * i + 1] * b + x[4 * i + 2] * d + x[4 * i + 3] - c[i];
+  a = s[3 * n]; b = s[3 * n + 1]; d = s[3 * n + 2];
+  for (i = 0; i < 3; ++i) o.normals[3 * k + i] = x[4 * i] * a + x[4 * i + 1] * b + x[4 * i + 2] * d;
+}
+
+function surface(s) {
+  var p = place, o = parts[s], first = p.first[s], f = p.frame[first], c = three(p.center, f), all = [], i, k, x;
+  var whole = !on && p.switched[s], at = 0;
+  if (!whole) {
+    for (i = first; i < p.first[s + 1]; ++i) all.push(contour(i));
+    if (survey) all = surveyed(all, first);
+  }
+  for (i = first; i < p.first[s + 1]; ++i) {
+    x = whole ? STILL : seen(M[f], all[i - first]);
+    for (k = 0; k < p.each[s]; ++k, ++at) if (o.used[at]) put(o, at, x, o.first + at, c);
+  }
+}
+
+// Points with weights of several joints, as the first joint's Segment has them: rigid motions are blended, and taken
+// one step towards their mean (`log` of vitruvian).
+function soft(s) {
+  var p = place, o = parts[s], start = o.soft > 0 ? p.softEnd[o.soft - 1] : 0, v, k, x;
+  for (k = 0; k < o.count; ++k) {
+    v = start + k;
+    x = p.softRow[v + 1] - p.softRow[v] === 1 || (!on && p.switched[p.each.length + v])
+      ? motionOf(p.softJoint[p.softRow[v]]) : blended(p.softRow[v], p.softRow[v + 1]);
+    put(o, k, seen(M[0], x), o.first + k, [0, 0, 0]);
+  }
+}
+
+function motionOf(j) { return j < 0 ? STILL : M[j]; }
+function turnOf(j) { return j < 0 ? [0, 0, 0, 1] : Q[j]; }
+
+function blended(from, to) {
+  var p = place, real = [0, 0, 0, 0], dual = [0, 0, 0, 0], signs = [], e, i, q, w, m, t, n, sum, d, wv, vv, A, R;
+  var pivot = turnOf(p.softJoint[from]);
+  for (e = from; e < to; ++e) {
+    q = turnOf(p.softJoint[e]); m = motionOf(p.softJoint[e]);
+    w = p.softWeight[e];
+    if (dot(q, pivot) + q[3] * pivot[3] < 0) q = [-q[0], -q[1], -q[2], -q[3]];
+    signs.push(q);
+    t = product([m[3], m[7], m[11], 0], q);
+    for (i = 0; i < 4; ++i) { real[i] += w * q[i]; dual[i] += w * t[i]; }
+  }
+  n = Math.sqrt(dot(real, real) + real[3] * real[3]);
+  if (n < 1e-8) return motionOf(p.softJoint[from]);
+  t = product(dual, [-real[0], -real[1], -real[2], real[3]]);
+  t = [t[0] / (n * n), t[1] / (n * n), t[2] / (n * n)];
+  q = [real[0] / n, real[1] / n, real[2] / n, real[3] / n];
+  A = matrix(q, t);
+  wv = [0, 0, 0]; vv = [0, 0, 0];
+  for (e = from; e < to; ++e) {
+    m = motionOf(p.softJoint[e]);
+    d = [m[3] - t[0], m[7] - t[1], m[11] - t[2]];
+    d = [A[0] * d[0] + A[4] * d[1] + A[8] * d[2], A[1] * d[0] + A[5] * d[1] + A[9] * d[2],
+      A[2] * d[0] + A[6] * d[1] + A[10] * d[2]];
+    R = logarithm(product([-q[0], -q[1], -q[2], q[3]], signs[e - from]));
+    sum = twistOf(R, d);
+    for (i = 0; i < 3; ++i) { wv[i] += p.softWeight[e] * R[i]; vv[i] += p.softWeight[e] * sum[i]; }
+  }
+  return times(A, matrix(part(wv, 1), wayOf(wv, vv)));
+}
+
+// The velocity that takes a body by t while it turns by w, and the way that it goes with velocity v.
+function twistOf(w, t) {
+  var s = dot(w, w), a = Math.sqrt(s), f = s < 1e-8 ? 1 / 12 : (1 - a * Math.sin(a) / (2 * (1 - Math.cos(a)))) / s;
+  var x = cross(w, t), y = cross(w, x);
+  return [t[0] - x[0] / 2 + f * y[0], t[1] - x[1] / 2 + f * y[1], t[2] - x[2] / 2 + f * y[2]];
+}
+
+function wayOf(w, v) {
+  var s = dot(w, w), a = Math.sqrt(s), f = s < 1e-8 ? 0.5 : (1 - Math.cos(a)) / s;
+  var g = s < 1e-8 ? 1 / 6 : (a - Math.sin(a)) / (s * a), x = cross(w, v), y = cross(w, x);
+  return [v[0] + f * x[0] + g * y[0], v[1] + f * x[1] + g * y[1], v[2] + f * x[2] + g * y[2]];
+}
+
+function concerned(s, which) {
+  var i;
+  for (i = place.needRow[s]; i < place.needRow[s + 1]; ++i) if (which[place.need[i]]) return true;
+  return false;
+}
+
+function sent(o, normals) {
+  var a = normals ? o.normals : o.points, out = normals ? o.sentNormals : o.sent, i;
+  if (quick) { out.setValue(a); return out; }
+  out = new MFVec3f();
+  for (i = 0; i < o.count; ++i) out[i] = new SFVec3f(a[3 * i], a[3 * i + 1], a[3 * i + 2]);
+  return out;
+}
+
+// Joints and surfaces below the Humanoid, by their names.
+function found() {
+  var out = {}, queue = plain(Human.skeleton), node, i;
+  while (queue.length) {
+    node = queue.shift();
+    if (node.name && !out[node.name]) out[node.name] = node;
+    if (node.children) for (i = 0; i < node.children.length; ++i) queue.push(node.children[i]);
+  }
+  return out;
+}
+
+// Once per moment, however many events came.
 function eventsProcessed() {
-  if (!dirty) return;
-  dirty = false;
-  var M = [], world = [], j, t, m;
+  if (!dirty.length) return;
+  var which = {}, j, s, t, m, all = false;
+  for (j = 0; j < dirty.length; ++j) if (dirty[j] < 0) all = true; else which[dirty[j]] = true;
+  dirty = [];
+  M = []; Q = []; world = [];
   for (j = 0; j < J; ++j) {
     t = turns[j];
     world.push(quaternion(t[0], t[1], t[2], t[3]));
-    m = motion(world[j], three(place.center, j), [0, 0, 0]);
+    m = about(world[j], three(place.center, j));
     M.push(place.parent[j] < 0 ? m : times(M[place.parent[j]], m));
+    Q.push(place.parent[j] < 0 ? world[j] : product(Q[place.parent[j]], world[j]));
   }
-  turned(world);
-  publish(M);
+  turned();
+  moved = [];
+  for (s = 0; s < parts.length; ++s) {
+    moved.push(all || concerned(s, which));
+    if (moved[s]) { if (parts[s].soft < 0) surface(s); else soft(s); }
+  }
+  publish();
   release();
 }

@@ -1,105 +1,403 @@
 """A contour body that deforms by itself: a Script in the file, run by any X3D or VRML97 browser, no server.
 
 Rotations are routed to the Script instead of to the joints; it sends the new points of every surface, then releases the
-rotations, so that no picture shows one without the other. Source: cross-section deformation of H-Anim bodies, Script node
-and interception of events; plain ECMAScript, ROUTEs instead of directOutput.
+rotations, so that no picture shows one without the other. What lies between contours is cut into parts that ride on one
+joint and parts that the Script moves too: no browser skins anything. Source: cross-section deformation of H-Anim bodies,
+Script node and interception of events; plain ECMAScript, ROUTEs instead of directOutput unless pointers are asked for.
 """
 
 from __future__ import annotations
 
+import gzip
+from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
 
-from vitruvian.body.types import Body
-from vitruvian.deform.contours import Program, program
+from vitruvian.body.pack import pack
+from vitruvian.body.types import Body, Floats
+from vitruvian.deform.contours import Program, program, slabs
 from vitruvian.errors import VitruvianError
-from vitruvian.hanim.graph import Node, ProtoField, Route, Scene
+from vitruvian.formats.live_parts import Soft, levels, parted, smooth_normals
+from vitruvian.hanim.build import scene_of
+from vitruvian.hanim.convert import converted
+from vitruvian.hanim.graph import Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.humanoid import Humanoid
 
-SCRIPT = "hanim_ContourScript"
+SCRIPT, CLOCK = "hanim_ContourScript", "hanim_ClockScript"
+POINTERS = ("routes", "human", "nodes")
+SCHEMES = ("javascript", "ecmascript", "vrmlscript")
+_NECK = "c"  # surfaces of the neck begin so
+# X_ITE works out tangents, which only normal maps need, after each change: given one, it needs half the time.
+_TANGENT = """{scheme}:
+function initialize() {{
+  var i, t;
+  try {{
+    for (i = 0; i < geometry.length; ++i) {{
+      t = Browser.currentScene.createNode('Tangent');
+      t.vector[0] = new SFVec4f(0, 1, 0, 1);
+      geometry[i].tangent = t;
+    }}
+  }} catch (e) {{}}
+}}
+"""
 
 
-def add_script(scene: Scene, humanoid: Humanoid, body: Body) -> dict[str, int]:
-    """Append the Script and its ROUTEs to a scene that `scene_of` made of `humanoid`; routes to joints go through it.
+@dataclass(frozen=True, eq=False)
+class Live:
+    """A scene that deforms itself. `body` is what it shows: the packed humanoid, in the scene's version and names,
+    `soft` the points of its skin that the script moves.
 
-    Returns {"script_bytes", "points", "joints"}. Raises VitruvianError when the body has no contours, or when the scene
-    has no node for a surface or a joint.
+    `report`: points (contours), soft_points and rigid_points (between them), surfaces, joints, levels, script_bytes.
     """
+
+    scene: Scene
+    body: Body
+    soft: Soft
+    lost: list[str]
+    report: dict[str, int]
+
+
+def live_scene(
+    humanoid: Humanoid,
+    *,
+    encoding: str = "x3d",
+    version: str | None = None,
+    pointers: str = "routes",
+    schemes: tuple[str, ...] | None = None,
+) -> Live:
+    """A scene of a humanoid with contours, and the Script that deforms it.
+
+    `encoding` and `version` as in `scene_of` (default 2.0, in VRML97 200x). `pointers`: "routes" sends points and
+    rotations by ROUTEs, which every browser has; "human" gives the Script one pointer to the Humanoid, "nodes" lists of
+    the joints and surfaces, and no ROUTEs leave it. `schemes`: how the Script's url may begin, one copy of the code each;
+    default "javascript" in VRML97, "ecmascript" in X3D. Raises VitruvianError for a body without contours and for an
+    unknown option.
+    """
+    schemes = schemes or (("javascript",) if encoding == "wrl" else ("ecmascript",))
+    known(pointers, schemes)
+    version = version or ("200x" if encoding == "wrl" else "2.0")
+    there, _ = converted(humanoid, version)
+    body = pack(there)
     if not body.contours:
         raise VitruvianError("live: expected a body with contours, found none; make one by `contours`")
-    p = program(body, body.contours)
-    skeleton = body.skeleton
-    defs = scene.defs()
-    joints = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("HAnimJoint", "Joint")}
-    surfaces = {_text(n.fields.get("name")): n for n in scene.walk() if n.type in ("DefBody", "DefBodyTex")}
-    needed = _needed(body, p)
-    for name in (skeleton.names[j] for j in needed):
-        if name not in joints:
-            raise VitruvianError(f"live: expected a node of joint {name} in the scene, found none")
-    for surface in body.contours:
-        if surface.name not in surfaces:
-            raise VitruvianError(f"live: expected a DefBody node {surface.name} in the scene, found none")
-    place = {j: i for i, j in enumerate(needed)}
-    renumber = np.array([place.get(j, -1) for j in range(len(skeleton))] + [-1], np.int32)
-    script = Node("Script", SCRIPT)
-    names = [skeleton.names[j] for j in needed]
-    for name in names:
-        script.interface.append(ProtoField("inputOnly", "SFRotation", f"hanim_{name}Def"))
-    script.interface.append(ProtoField("inputOnly", "SFBool", "set_extremities"))
-    for name in names:
-        script.interface.append(ProtoField("outputOnly", "SFRotation", f"hanim_{name}_rotation"))
-    for surface in body.contours:
-        script.interface.append(ProtoField("outputOnly", "MFVec3f", f"{surface.name}_points"))
-    first = np.concatenate([[0], np.cumsum([len(s) for s in body.contours])])
-    rest = np.concatenate([body.skin.rest[s.vertices].reshape(-1) for s in body.contours])
-    values: list[tuple[str, str, np.ndarray]] = [
-        ("MFInt32", "parent", renumber[skeleton.parents[needed]]),
-        ("MFFloat", "center", skeleton.centers[needed].ravel()),
-        ("MFInt32", "link", renumber[p.link].ravel()),
-        ("MFFloat", "axis", p.axis.ravel()),
-        ("MFFloat", "bone", p.bone.ravel()),
-        ("MFInt32", "base", renumber[p.base]),
-        ("MFInt32", "row", p.row),
-        ("MFInt32", "step", p.step),
-        ("MFFloat", "swing", p.swing),
-        ("MFFloat", "twist", np.where(np.isnan(p.twist), -1.0, p.twist)),
-        ("MFFloat", "middle", p.middle.ravel()),
-        ("MFFloat", "along", p.along.ravel()),
-        ("MFInt32", "frame", renumber[p.frame]),
-        ("MFFloat", "diversion", p.diversion),
-        ("MFFloat", "mitre", p.mitre),
-        ("MFInt32", "mitreLink", p.mitre_link),
-        ("MFFloat", "mitreShare", p.mitre_share),
-        ("MFFloat", "bulge", p.bulge),
-        ("MFInt32", "bulgeLink", p.bulge_link),
-        ("MFInt32", "first", first),
-        ("MFInt32", "each", np.array([s.vertices.shape[1] for s in body.contours])),
-        ("MFInt32", "switched", np.array([int(s.name.startswith("c")) for s in body.contours])),
-        ("MFFloat", "points", rest),
-    ]
-    for kind, name, value in values:
-        typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
-        script.interface.append(ProtoField("initializeOnly", kind, name, typed))
-    code = _code(names, [s.name for s in body.contours])
-    if scene.encoding in ("x3d", "x3dj"):
-        script.text = "ecmascript:\n" + code
-    else:
-        script.fields["url"] = ["javascript:\n" + code if scene.encoding == "wrl" else "ecmascript:\n" + code]
-    _reroute(scene, {joints[n].name: n for n in names if joints[n].name in defs})
-    scene.body.append(script)
-    for name in names:
-        scene.body.append(Route(SCRIPT, f"hanim_{name}_rotation", joints[name].name, "set_rotation"))
-    for surface in body.contours:
-        scene.body.append(Route(SCRIPT, f"{surface.name}_points", surfaces[surface.name].name, "set_Points"))
-    # Routes are read in the order of the file: those from the script come after its node.
-    scene.body.sort(key=lambda statement: isinstance(statement, Route))
-    return {"script_bytes": len(code), "points": len(rest) // 3, "joints": len(names)}
+    cut, soft = parted(there, body)
+    scene, lost = scene_of([cut], version=version, encoding=encoding)
+    made = _Writer(scene, body, soft, pointers, schemes)
+    made.write()
+    report = {
+        "points": sum(s.vertices.size for s in body.contours),
+        "soft_points": len(soft.rest),
+        "rigid_points": sum(len(s.points) for g in cut.segments() for s in g.shapes if s.points is not None)
+        - len(soft.rest),
+        "surfaces": len(body.contours) + len(soft.names),
+        "joints": len(made.needed),
+        "levels": len(made.levels),
+        "script_bytes": len(made.code.encode()),
+        "script_gzip_bytes": len(gzip.compress(made.code.encode(), mtime=0)),
+    }
+    return Live(scene, body, soft, lost, report)
 
 
-def _needed(body: Body, p: Program) -> list[int]:
-    """Joints whose rotations the script must know: those of the contours, and all above them."""
-    wanted = {int(j) for j in [*p.link.ravel(), *p.base, *p.frame] if j >= 0}
+def known(pointers: str, schemes: tuple[str, ...]) -> None:
+    """Raise VitruvianError unless these are options of `live_scene`."""
+    if pointers not in POINTERS:
+        raise VitruvianError(f"pointers: expected {', '.join(POINTERS)}, found {pointers!r}")
+    if any(s not in SCHEMES for s in schemes):
+        raise VitruvianError(f"schemes: expected some of {', '.join(SCHEMES)}, found {', '.join(map(repr, schemes))}")
+
+
+class _Writer:
+    """One script under construction."""
+
+    def __init__(self, scene: Scene, body: Body, soft: Soft, pointers: str, schemes: tuple[str, ...]):
+        self.scene, self.body, self.soft, self.pointers, self.schemes = scene, body, soft, pointers, schemes
+        self.native = scene.encoding != "wrl"
+        self.program = program(body, body.contours)
+        self.levels = levels(body, body.contours)
+        self.needed = _needed(body, self.program, soft)
+        self.names = [body.skeleton.names[j] for j in self.needed]
+        nodes = list(scene.walk())
+        self.joints = {_text(n.fields.get("name")): n for n in nodes if n.type in ("HAnimJoint", "Joint")}
+        self.surfaces = {_text(n.fields.get("name")): n for n in nodes if n.type in ("DefBody", "DefBodyTex")}
+        self.shapes = {n.name: n for n in nodes if n.type == "Shape"}
+        self.human = next(n for n in nodes if n.type in ("HAnimHumanoid", "Humanoid"))
+        for what, wanted, have in (
+            ("joint", self.names, self.joints),
+            ("surface", [s.name for s in body.contours], self.surfaces),
+        ):
+            for name in wanted:
+                if name not in have:
+                    raise VitruvianError(f"live: expected a node of {what} {name} in the scene, found none")
+        self.code = ""
+
+    def write(self) -> None:
+        prefix = "hanim_"
+        self._prototypes()
+        normals = smooth_normals(self.body, self.body.contours)
+        first = 0
+        for surface, triangles in zip(self.body.contours, self.levels[0], strict=True):
+            fields = self.surfaces[surface.name].fields
+            count = surface.vertices.size
+            fields["Normals"] = normals[first : first + count]
+            first += count
+            fields.pop("PointsIndex", None)
+            fields["Triangles" if self.native else "PointsIndex"] = self._faces(triangles)
+        # what receives points and normals: (name, node, its field) each
+        parts: list[tuple[str, tuple[Node, str], tuple[Node, str]]] = [
+            (s.name, (node := self.surfaces[s.name], "Points"), (node, "Normals")) for s in self.body.contours
+        ]
+        geometry = [self._softened(prefix + name) for name in self.soft.names]
+        for name, shape in zip(self.soft.names, geometry, strict=True):
+            coord, normal = shape.children("coord")[0], shape.children("normal")[0]
+            parts.append((name, (coord, "point"), (normal, "vector")))
+        script = Node("Script", SCRIPT)
+        declare = script.interface.append
+        for name in self.names:
+            declare(ProtoField("inputOnly", "SFRotation", f"hanim_{name}Def"))
+        for kind, name in (("SFBool", "set_extremities"), ("SFBool", "set_survey"), ("SFInt32", "set_lod")):
+            declare(ProtoField("inputOnly", kind, name))
+        if self.pointers == "routes":
+            for name in self.names:
+                declare(ProtoField("outputOnly", "SFRotation", f"hanim_{name}_rotation"))
+            for name, _, _ in parts:
+                declare(ProtoField("outputOnly", "MFVec3f", f"{name}_points"))
+                declare(ProtoField("outputOnly", "MFVec3f", f"{name}_normals"))
+            for surface in self.body.contours:
+                declare(ProtoField("outputOnly", "MFInt32", f"{surface.name}_index"))
+        else:
+            script.fields["directOutput"] = True
+            script.fields["mustEvaluate"] = True
+            nodes = [self.human] if self.pointers == "human" else []
+            if nodes:
+                declare(ProtoField("initializeOnly", "SFNode", "Human", _use(self.human)))
+            else:
+                declare(
+                    ProtoField("initializeOnly", "MFNode", "jointNodes", [_use(self.joints[n]) for n in self.names])
+                )
+                shown = [_use(self.surfaces[s.name]) for s in self.body.contours]
+                declare(ProtoField("initializeOnly", "MFNode", "surfaceNodes", shown))
+            if geometry:
+                for field in ("coord", "normal"):
+                    uses = [_use(g.children(field)[0]) for g in geometry]
+                    declare(ProtoField("initializeOnly", "MFNode", f"{field}Nodes", uses))
+        for kind, name, value in self._values(normals):
+            typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
+            declare(ProtoField("initializeOnly", kind, name, typed))
+        self.code = self._code([name for name, _, _ in parts])
+        self._url(script, [f"{scheme}:\n{self.code}" for scheme in self.schemes])
+        body = self.scene.body
+        self._reroute({node.name: name for name, node in self.joints.items() if name in self.names})
+        body.append(script)
+        if geometry:
+            body.append(self._tangents([_use(g) for g in geometry]))
+        if self.pointers == "routes":
+            for name in self.names:
+                body.append(Route(SCRIPT, f"hanim_{name}_rotation", self.joints[name].name, "set_rotation"))
+            for name, (node, field), (other, vectors) in parts:
+                body.append(Route(SCRIPT, f"{name}_points", node.name, f"set_{field}"))
+                body.append(Route(SCRIPT, f"{name}_normals", other.name, f"set_{vectors}"))
+            for surface in self.body.contours:
+                body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, self._index))
+        self._clock()
+        # Routes are read in the order of the file: those from the script come after its node.
+        body.sort(key=lambda statement: isinstance(statement, Route))
+
+    @property
+    def _index(self) -> str:
+        return "set_Triangles" if self.native else "set_PointsIndex"
+
+    def _faces(self, triangles: np.ndarray) -> np.ndarray:
+        """As IndexedTriangleSet has them, or, in VRML97, IndexedFaceSet."""
+        if self.native:
+            return triangles.reshape(-1)
+        return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
+
+    def _prototypes(self) -> None:
+        """DefBody with normals and with faces that events change; in X3D of triangles, which are quicker to draw."""
+        for proto in self.scene.body:
+            if not isinstance(proto, Proto) or proto.name not in ("DefBody", "DefBodyTex"):
+                continue
+            faces = "Triangles" if self.native else "PointsIndex"
+            for field in proto.interface:
+                if field.name == "PointsIndex":
+                    field.name = faces
+            proto.interface.append(ProtoField("inputOnly", "MFInt32", self._index))
+            empty = np.zeros((0, 3))
+            proto.interface.append(ProtoField("inputOutput", "MFVec3f", "Normals", empty))
+            shown = next(n for top in proto.body if isinstance(top, Node) for n in _below(top) if n.type == "Shape")
+            geometry = shown.children("geometry")[0]
+            inner = "index" if self.native else "coordIndex"
+            geometry.connects = [(inner, faces), (f"set_{inner}", self._index)]
+            geometry.fields = {"solid": False, **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)}}
+            if self.native:
+                geometry.type = "IndexedTriangleSet"
+            geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
+            geometry.name = "faces"
+            proto.body.append(self._tangents([_use(geometry)]))
+
+    def _softened(self, name: str) -> Node:
+        """The geometry of a shape that the script moves, as triangles with DEF names where it is sent to."""
+        if name not in self.shapes:
+            raise VitruvianError(f"live: expected a Shape {name} in the scene, found none")
+        geometry = self.shapes[name].children("geometry")[0]
+        geometry.name = f"{name}_faces"
+        for field in ("coord", "normal"):
+            node = geometry.children(field)[0]
+            node.name = f"{name}_{field}"
+        plain = not {"texCoordIndex", "colorIndex", "normalIndex"} & set(geometry.fields)
+        faces = geometry.fields.get("coordIndex")
+        if self.native and plain and isinstance(faces, np.ndarray) and not (faces[3::4] >= 0).any():
+            geometry.type = "IndexedTriangleSet"
+            geometry.fields = {k: v for k, v in geometry.fields.items() if k not in ("coordIndex", "creaseAngle")}
+            geometry.fields["index"] = faces[faces >= 0]
+        return geometry
+
+    def _tangents(self, geometry: list[Use]) -> Node:
+        script = Node("Script", fields={"directOutput": True})
+        script.interface.append(ProtoField("initializeOnly", "MFNode", "geometry", geometry))
+        self._url(script, [_TANGENT.format(scheme=scheme) for scheme in self.schemes])
+        return script
+
+    def _url(self, script: Node, codes: list[str]) -> None:
+        if self.scene.encoding in ("x3d", "x3dj") and len(codes) == 1:
+            script.text = codes[0]
+        else:
+            script.fields["url"] = codes
+
+    def _values(self, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
+        p, soft, body = self.program, self.soft, self.body
+        skeleton = body.skeleton
+        surfaces = list(body.contours)
+        place = {j: i for i, j in enumerate(self.needed)}
+        renumber = np.array([place.get(j, -1) for j in range(len(skeleton))] + [-1], np.int32)
+        rest = np.concatenate([body.skin.rest[s.vertices].reshape(-1, 3) for s in surfaces])
+        need = [renumber[n] for n in _needs(body, p, surfaces, soft)]
+        slab = slabs(body, surfaces)
+        faces = [t.reshape(-1) for level in self.levels for t in level]
+        ends = lambda arrays: np.cumsum([0, *map(len, arrays)])  # noqa: E731
+        neck = [int(s.name.startswith(_NECK)) for s in surfaces]
+        rows = soft.influences
+        return [
+            ("MFInt32", "parent", renumber[skeleton.parents[self.needed]]),
+            ("MFFloat", "center", skeleton.centers[self.needed].ravel()),
+            ("MFInt32", "link", renumber[p.link].ravel()),
+            ("MFFloat", "axis", p.axis.ravel()),
+            ("MFFloat", "bone", p.bone.ravel()),
+            ("MFInt32", "base", renumber[p.base]),
+            ("MFInt32", "row", p.row),
+            ("MFInt32", "step", p.step),
+            ("MFFloat", "swing", p.swing),
+            ("MFFloat", "twist", np.where(np.isnan(p.twist), -1.0, p.twist)),
+            ("MFFloat", "middle", p.middle.ravel()),
+            ("MFFloat", "along", p.along.ravel()),
+            ("MFInt32", "frame", renumber[p.frame]),
+            ("MFFloat", "diversion", p.diversion),
+            ("MFFloat", "mitre", p.mitre),
+            ("MFInt32", "mitreLink", p.mitre_link),
+            ("MFFloat", "mitreShare", p.mitre_share),
+            ("MFFloat", "bulge", p.bulge),
+            ("MFInt32", "bulgeLink", p.bulge_link),
+            ("MFInt32", "pair", slab.pair.ravel()),
+            ("MFFloat", "area", slab.area.ravel()),
+            ("MFFloat", "free", slab.free),
+            ("MFInt32", "first", np.concatenate([[0], np.cumsum([len(s) for s in surfaces])])),
+            ("MFInt32", "each", np.array([s.vertices.shape[1] for s in surfaces])),
+            ("MFInt32", "switched", np.concatenate([neck, soft.far])),
+            ("MFInt32", "needRow", ends(need)),
+            ("MFInt32", "need", np.concatenate(need)),
+            ("MFInt32", "softRow", rows.row),
+            ("MFInt32", "softJoint", renumber[np.where(rows.joint < len(skeleton), rows.joint, -1)]),
+            ("MFFloat", "softWeight", rows.weight),
+            ("MFInt32", "softEnd", soft.end),
+            ("MFInt32", "facesRow", ends(faces)),
+            ("MFInt32", "faces", np.concatenate(faces)),
+            ("MFFloat", "points", np.concatenate([rest, soft.rest]).ravel()),
+            ("MFFloat", "normals", np.concatenate([normals, soft.normals]).ravel()),
+        ]
+
+    def _code(self, parts: list[str]) -> str:
+        """The script: what is the same in every file, and one function or line for each event that comes or goes."""
+        template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
+        template = template.replace("POLYGONS", "false" if self.native else "true")
+        lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(self.names)]
+        surfaces = len(self.body.contours)
+        if self.pointers == "routes":
+            points, vectors, faces = ([f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index"))
+            rotations = [f"hanim_{name}_rotation" for name in self.names]
+        else:
+            if self.pointers == "human":
+                lines.append("var nodes = null;")
+                lines.append("function node(name) { return (nodes = nodes || found())[name]; }")
+                at = [f"node('{n}')" for n in parts[:surfaces]]
+                rotations = [f"node('{name}').rotation" for name in self.names]
+            else:
+                at = [f"surfaceNodes[{i}]" for i in range(surfaces)]
+                rotations = [f"jointNodes[{i}].rotation" for i in range(len(self.names))]
+            count = range(len(parts) - surfaces)
+            points = [f"{a}.Points" for a in at] + [f"coordNodes[{i}].point" for i in count]
+            vectors = [f"{a}.Normals" for a in at] + [f"normalNodes[{i}].vector" for i in count]
+            faces = [f"{a}.{self._index}" for a in at]
+        lines.append("function publish() {")
+        for i in range(len(parts)):
+            if i < surfaces:
+                lines.append(f"  if (parts[{i}].relevel) {{ parts[{i}].relevel = false; {faces[i]} = index({i}); }}")
+            lines.append(
+                f"  if (moved[{i}]) {{ {points[i]} = sent(parts[{i}], false); {vectors[i]} = sent(parts[{i}], true); }}"
+            )
+        lines += ["}", "function release() {"]
+        lines += [f"  if (fresh[{i}]) {{ {r} = fresh[{i}]; fresh[{i}] = null; }}" for i, r in enumerate(rotations)]
+        return "\n".join([template, *lines, "}", ""])
+
+    def _reroute(self, joints: dict[str, str]) -> None:
+        """Routes that turn a joint go to the script."""
+        for statement in self.scene.body:
+            turns = isinstance(statement, Route) and statement.to_field in ("rotation", "set_rotation")
+            if turns and isinstance(statement, Route) and statement.to_node in joints:
+                statement.to_field = f"hanim_{joints[statement.to_node]}Def"
+                statement.to_node = SCRIPT
+
+    def _clock(self) -> None:
+        """A second script between TimeSensors and interpolators, so that `set_speed` makes the animation slower, faster
+        or run backwards while it plays: browsers do not let an active TimeSensor's cycle be changed."""
+        body = self.scene.body
+        sensors = {n.name: n for n in body if isinstance(n, Node) and n.type == "TimeSensor"}
+        timed = [
+            r for r in body if isinstance(r, Route) and r.from_node in sensors and r.from_field == "fraction_changed"
+        ]
+        if not timed:
+            return
+        script = Node("Script", CLOCK)
+        script.interface.append(ProtoField("inputOnly", "SFFloat", "set_speed"))
+        lines = [
+            "var speed = 1, last = {}, phase = {};",
+            "function set_speed(value) { speed = value; }",
+            "function step(name, value) {",
+            "  var way = last[name] === undefined ? 0 : value - last[name];",
+            "  if (last[name] === undefined) phase[name] = value;",
+            "  if (way < -0.5) way += 1;",
+            "  last[name] = value;",
+            "  phase[name] += way * speed;",
+            "  phase[name] -= Math.floor(phase[name]);",
+            "  return phase[name];",
+            "}",
+        ]
+        sources = dict.fromkeys(r.from_node for r in timed)
+        for name in sources:
+            script.interface.append(ProtoField("inputOnly", "SFFloat", f"set_{name}"))
+            script.interface.append(ProtoField("outputOnly", "SFFloat", f"{name}_fraction"))
+            lines.append(f"function set_{name}(value) {{ {name}_fraction = step('{name}', value); }}")
+        for r in timed:
+            r.from_node, r.from_field = CLOCK, f"{r.from_node}_fraction"
+        self._url(script, [f"{scheme}:\n" + "\n".join([*lines, ""]) for scheme in self.schemes])
+        body.append(script)
+        body.extend(Route(name, "fraction_changed", CLOCK, f"set_{name}") for name in sources)
+
+
+def _needed(body: Body, p: Program, soft: Soft) -> list[int]:
+    """Joints whose rotations the script must know: those of the contours and of soft points, and all above them."""
+    rows = soft.influences.joint
+    wanted = {int(j) for j in [*p.link.ravel(), *p.base, *p.frame, *rows] if 0 <= j < len(body.skeleton)}
     for j in list(wanted):
         while j >= 0:
             wanted.add(j)
@@ -107,26 +405,50 @@ def _needed(body: Body, p: Program) -> list[int]:
     return sorted(wanted)
 
 
-def _code(joints: list[str], surfaces: list[str]) -> str:
-    template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
-    events = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(joints)]
-    publish = [f"  {name}_points = surface({i}, M);" for i, name in enumerate(surfaces)]
-    release = [
-        f"  if (fresh[{i}]) {{ hanim_{name}_rotation = fresh[{i}]; fresh[{i}] = null; }}"
-        for i, name in enumerate(joints)
-    ]
-    return "\n".join([
-        template, *events, "function publish(M) {", *publish, "}", "function release() {", *release, "}", "",
-    ])  # fmt: skip
+def _needs(body: Body, p: Program, surfaces: list, soft: Soft) -> list[np.ndarray]:
+    """For each part the joints whose rotation changes its points, seen from the joint that it hangs on."""
+    first, out = 0, []
+    for s in surfaces:
+        some = slice(first, first + len(s))
+        steps = p.step[p.row[first] : p.row[first + len(s)]]
+        used = {*p.base[some].tolist(), *p.frame[some].tolist(), *p.link[steps].ravel().tolist()}
+        used |= set(p.link[p.mitre_link[some]].ravel().tolist()) | set(p.link[p.bulge_link[some]].ravel().tolist())
+        out.append(_between(body, used))
+        first += len(s)
+    rows = soft.influences
+    start = 0
+    for end in soft.end.tolist():
+        used = set(rows.joint[rows.row[start] : rows.row[end]].tolist())
+        root = int(np.flatnonzero(body.skeleton.parents < 0)[0])
+        out.append(_between(body, {j if j < len(body.skeleton) else -1 for j in used} | {root}))
+        start = end
+    return out
 
 
-def _reroute(scene: Scene, joints: dict[str, str]) -> None:
-    """Routes that turn a joint go to the script."""
-    for statement in scene.body:
-        turns = isinstance(statement, Route) and statement.to_field in ("rotation", "set_rotation")
-        if turns and isinstance(statement, Route) and statement.to_node in joints:
-            statement.to_field = f"hanim_{joints[statement.to_node]}Def"
-            statement.to_node = SCRIPT
+def _between(body: Body, joints: set[int]) -> np.ndarray:
+    """Joints on the ways between these, without the last one that they have in common: it turns them all alike."""
+    parents = body.skeleton.parents
+    paths = []
+    for j in joints:
+        path = []
+        while j >= 0:
+            path.append(j)
+            j = int(parents[j])
+        paths.append(set(path))
+    common = set.intersection(*paths)
+    return np.array(sorted(set.union(*paths) - common), np.int32)
+
+
+def _below(top: Node) -> list[Node]:
+    """A node and all below it; scenes of ours are shallow."""
+    out = [top]
+    for node in out:
+        out += [n for _, n in node.entries() if isinstance(n, Node)]
+    return out
+
+
+def _use(node: Node) -> Use:
+    return Use(node.name, node, type=node.type)
 
 
 def _text(value: object) -> str:

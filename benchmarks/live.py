@@ -1,0 +1,184 @@
+"""Self-deforming files in X_ITE, headless Chromium, software GL: the whole, and what of it is X_ITE's own drawing.
+
+`python benchmarks/live.py [--quick]` prints the rows. Each row is one window: frames a second in the median, and in the
+best tenth of the frames, which a busy machine disturbs least; `cpu_ms` are milliseconds of processor time for each frame
+in the page's process and in the one that draws.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+SLOW_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+DIST = Path(__file__).resolve().parent.parent / ".referee" / "node_modules" / "x_ite" / "dist"
+EMPTY = "<X3D profile='Immersive' version='4.0'><Scene><Viewpoint/></Scene></X3D>"
+GOAL = 30.0  # frames a second
+LOAD = """async (source) => {
+  const browser = document.querySelector('x3d-canvas').browser;
+  await browser.replaceWorld(await browser.createX3DFromString(source));
+  for (let k = 0; k < 5; ++k) await browser.nextFrame();
+}"""
+RUN = """async ([move, seconds]) => {
+  const browser = document.querySelector('x3d-canvas').browser, times = [];
+  let script = null;
+  try { script = browser.currentScene.getNamedNode('hanim_ContourScript'); } catch (e) {}
+  const names = ['l_hip', 'r_hip', 'l_knee', 'r_knee', 'l_shoulder', 'r_shoulder', 'l_elbow', 'r_elbow', 'vl5', 'vt6'];
+  for (let began = performance.now(), last = began; last - began < 1000 * seconds;) {
+    if (move && script) for (const name of names)
+      script[`hanim_${name}Def`] = new X3D.SFRotation(1, 0, 0, 0.3 + 0.3 * Math.sin(times.length / 5));
+    await browser.nextFrame();
+    const now = performance.now();
+    times.push(now - last);
+    last = now;
+  }
+  return times.slice(1);
+}"""
+# The script alone: fields and events stood in for by plain arrays, no browser of scenes.
+ALONE = """([code, fields, names]) => {
+  class MFVec3f extends Array { setValue(v) { this.length = v.length / 3; this[1] = { z: v[5] }; } }
+  const given = Object.keys(fields), bench = `
+    initialize();
+    let count = 0;
+    const start = performance.now();
+    while (performance.now() - start < 500) {
+      for (let j = 0; j < J; ++j) turn(j, [1, 0, 0, 0.3 + 0.3 * Math.sin(count)]);
+      eventsProcessed();
+      ++count;
+    }
+    return (performance.now() - start) / count;`;
+  const make = new Function('MFVec3f', 'MFInt32', 'SFVec3f', ...given, ...names, code + bench);
+  return make(MFVec3f, Array, Array, ...given.map((k) => fields[k]), ...names.map(() => null));
+}"""
+
+
+def rows(quick: bool = False) -> list[dict[str, object]]:
+    import numpy as np
+    from playwright.sync_api import sync_playwright
+
+    import vitruvian as vt
+    from vitruvian.formats import registry
+    from vitruvian.formats.live import SCRIPT, live_scene
+    from vitruvian.modeling.lighter import lightened
+
+    body = vt.contours(vt.person(gender=1, loa=2), density=0.65)
+    bare = lightened(body, 100)
+    bare.skin, bare.skin_coord = [], np.zeros((0, 3))
+    for joint in bare.joints():
+        joint.skin_coord_index, joint.skin_coord_weight = np.zeros(0, np.int32), np.zeros(0)
+    small = lightened(vt.contours(vt.person(gender=1, loa=2), density=0.4), 800)
+    scenes = {
+        "contours alone": (bare, "x3d"),
+        "contours and a light rest": (lightened(body, 2000), "x3d"),
+        "1,900 points in all": (small, "x3d"),
+        "contours alone, VRML97": (bare, "wrl"),
+    }
+    sizes = [(240, 180)] if quick else [(240, 180), (640, 480)]
+    out: list[dict[str, object]] = []
+    path = shutil.which("chromium") or shutil.which("google-chrome")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=path, args=SLOW_GL)
+        for size in sizes:
+            out.append(measured(browser, EMPTY, "nothing", size, False, True, quick))
+        for name, (humanoid, encoding) in scenes.items():
+            live = live_scene(humanoid, encoding=encoding)
+            file = Path(folder) / f"live.{encoding}"
+            registry.write_scene(live.scene, file)
+            points = f"{live.report['points']} + {live.report['soft_points']} + {live.report['rigid_points']} points"
+            text = file.read_text()
+            script = live.scene.defs()[SCRIPT]
+            fields = {f.name: np.asarray(f.value).tolist() for f in script.interface if f.access == "initializeOnly"}
+            events = [f.name for f in script.interface if f.access == "outputOnly"]
+            code = re.sub(r"^\w+:", "", script.text or script.fields["url"][0])
+            tab = browser.new_page()
+            alone = tab.evaluate(ALONE, [code, fields, events])
+            tab.close()
+            out.append({"name": f"{name}: script alone", "points": points, "ours_s": alone / 1000, "goal": "<= 0.002",
+                        "holds": alone <= 2})  # fmt: skip
+            for size in sizes:
+                for smooth in (True, False):
+                    for move in (False, True):
+                        row = measured(browser, text, f"{name}, {points}", size, move, smooth, quick)
+                        out.append(row)
+        browser.close()
+    return out
+
+
+def measured(
+    browser, source: str, name: str, size: tuple[int, int], move: bool, smooth: bool, quick: bool
+) -> dict[str, object]:
+    width, height = size
+    tab = browser.new_page(viewport={"width": width, "height": height})
+    style = f"width:{width}px;height:{height}px;display:block"
+    html = f"<body style='margin:0'><script src='x_ite.js'></script><x3d-canvas antialiased='{str(smooth).lower()}' "
+    html += f"style='{style}'></x3d-canvas>"
+
+    def answer(route) -> None:
+        file = DIST / route.request.url.removeprefix("http://xite.test/")
+        if file.name == "page.html":
+            route.fulfill(body=html, content_type="text/html")
+        elif file.is_file():
+            route.fulfill(path=file)
+        else:
+            route.abort()
+
+    tab.route("**/*", answer)
+    tab.goto("http://xite.test/page.html")
+    tab.evaluate(LOAD, source)
+    before = processor()
+    times = sorted(tab.evaluate(RUN, [move, 2 if quick else 5]))
+    after = processor()
+    tab.close()
+    best = times[: max(1, len(times) // 10)]
+    frames = len(times) + 1
+    rate, quickest = 1000 / times[len(times) // 2], 1000 * len(best) / sum(best)
+    return {
+        "name": f"{name}, {width}x{height}, {'moving' if move else 'still'}{'' if smooth else ', not antialiased'}",
+        "frames_s": rate,
+        "best_frames_s": quickest,
+        "cpu_ms": {k: round((after[k] - before[k]) / frames * 1000, 1) for k in after},
+        "ours_s": 1 / rate,
+        "goal": f">= {GOAL:.0f} frames/s",
+        "holds": rate >= GOAL,
+    }
+
+
+def processor() -> dict[str, float]:
+    """Seconds of processor time of our browser's processes so far, by kind."""
+    tick, found = os.sysconf("SC_CLK_TCK"), {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            state = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+            command = (folder / "cmdline").read_text()
+        except OSError:
+            continue
+        found[int(folder.name)] = (int(state[1]), (int(state[11]) + int(state[12])) / tick, command)
+    mine = {os.getpid()}
+    for _ in range(6):
+        mine |= {pid for pid, (parent, _, _) in found.items() if parent in mine}
+    out = {"page": 0.0, "drawing": 0.0}
+    for pid in mine:
+        _, seconds, command = found.get(pid, (0, 0.0, ""))
+        if "--type=renderer" in command:
+            out["page"] += seconds
+        elif "--type=gpu-process" in command:
+            out["drawing"] += seconds
+    return out
+
+
+def main() -> None:
+    for row in rows("--quick" in sys.argv):
+        if "frames_s" in row:
+            cpu = row["cpu_ms"]
+            print(f"{row['name']}: {row['frames_s']:.1f} frames/s, best {row['best_frames_s']:.1f}, "
+                  f"processor {cpu['page']} + {cpu['drawing']} ms a frame")  # fmt: skip
+        else:
+            print(f"{row['name']} ({row['points']}): {row['ours_s'] * 1000:.2f} ms a pose")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""Fewer points for what lies between contours: head, hands, feet and clothes of a body that must be quick to draw.
+
+Surfaces are reduced by quadric edge collapse; a new point takes weights, colours and texture coordinates of the point
+that it grew out of. Source of the method: Garland and Heckbert, Surface simplification using quadric error metrics, 1997.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.errors import VitruvianError
+from vitruvian.hanim.humanoid import Humanoid, Joint, Material, Shape
+from vitruvian.motion.names import joint_index
+
+_SMALL = 0.12  # an influence below this part of the largest is left to the others
+_LEAST = 12  # triangles that every shape keeps
+_INSIDE = ("teeth", "tongue")  # what a shut mouth hides
+_STIFF = ("hair", "brows", "lashes", "eyes")
+_CARD = 64  # loose pieces of a surface under so many triangles are dropped whole, the smallest first
+_SEEN = {"eyes": 3.0}  # what is looked at keeps more
+_ENDS = ("l_radiocarpal", "r_radiocarpal", "l_talocrural", "r_talocrural")
+
+
+def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Humanoid:
+    """A copy whose skin has about `points` points in one shape; contour surfaces stay as they are.
+
+    Skin points are metres in humanoid space, in `skin_coord`. Small influences are dropped; hair, brows, lashes and eyes
+    follow one joint each, and without `fingers` hands and feet follow the wrists and ankles, so that most of the skin is
+    rigid. Displacers of the skin are lost. Shapes with a texture stay apart; the others become one, with a colour per
+    point. A skin with fewer points keeps them. Raises VitruvianError for fewer than 100 points.
+    """
+    if points < 100:
+        raise VitruvianError(f"points of the skin: expected at least 100, found {points}")
+    shapes = [s for s in humanoid.skin if s.points is None and s.name not in _INSIDE and len(s.triangles)]
+    out = humanoid.copied()
+    if not shapes:
+        return out
+    joints = out.joints()
+    table = _weights(humanoid, joints, fingers)
+    share = np.array([_importance(humanoid.skin_coord, s) for s in shapes])
+    budgets = 2 * points * share / share.sum()
+    whole = sum(len(np.unique(s.triangles)) for s in shapes) <= points
+    made = [
+        _reduced(humanoid.skin_coord, s, len(s.triangles) if whole else int(budget))
+        for s, budget in zip(shapes, budgets, strict=True)
+    ]
+    first = np.cumsum([0, *(len(place) for place, _, _ in made)])
+    rows = np.concatenate([
+        _of_one(table[born]) if s.name in _STIFF else table[born] for s, (_, _, born) in zip(shapes, made, strict=True)
+    ])  # fmt: skip
+    rows[rows < _SMALL * rows.max(axis=1, keepdims=True)] = 0
+    rows /= rows.sum(axis=1, keepdims=True)
+    out.skin_coord, out.skin_normal = np.concatenate([place for place, _, _ in made]), None
+    colors = np.concatenate([_color(s)(born) for s, (_, _, born) in zip(shapes, made, strict=True)])
+    out.skin, plain = [], []
+    for s, (_, faces, born), start in zip(shapes, made, first[:-1], strict=True):
+        triangles = (faces + start).astype(np.int32)
+        if s.material.node is None:
+            plain.append(triangles)
+            continue
+        uv = np.zeros((len(colors), 2))
+        uv[start : start + len(born)] = _texture(humanoid.skin_coord, s)[born]
+        mine = colors if s.colors is not None else None
+        out.skin.append(_bare(s, triangles, mine, None if s.uv is None else uv))
+    if plain:
+        look = Material("skin", roughness=1.0, double_sided=True)  # no highlights, as contours have none
+        one = _bare(replace(shapes[0], name="skin", material=look), np.concatenate(plain), colors, None)
+        out.skin.insert(0, one)
+    for number, joint in enumerate(joints):
+        here = np.flatnonzero(rows[:, number] > 0)
+        joint.skin_coord_index, joint.skin_coord_weight = here.astype(np.int32), rows[here, number]
+        joint.displacers = []
+    return out.settled()
+
+
+def _bare(shape: Shape, triangles: Ints, colors: Floats | None, uv: Floats | None) -> Shape:
+    return replace(
+        shape, triangles=triangles, colors=colors, uv=uv, uv_triangles=None, normals=None, normal_triangles=None,
+        faces=None, skin_index=None, node=None,
+    )  # fmt: skip
+
+
+def _weights(humanoid: Humanoid, joints: list[Joint], fingers: bool) -> Floats:
+    """(V,J), what has none with the first joint."""
+    table = np.zeros((len(humanoid.skin_coord), len(joints)))
+    for number, joint in enumerate(joints):
+        np.add.at(table[:, number], joint.skin_coord_index, joint.skin_coord_weight)
+    table[table.sum(axis=1) <= 0, 0] = 1
+    index = joint_index([j.name for j in joints])
+    number_of = {id(j): n for n, j in enumerate(joints)}
+    for name in () if fingers else _ENDS:
+        if name in index:
+            below = [number_of[id(j)] for j in joints[index[name]].walk()][1:]
+            table[:, index[name]] += table[:, below].sum(axis=1)
+            table[:, below] = 0
+    return table
+
+
+def _of_one(weights: Floats) -> Floats:
+    """All points with the joint that holds the most of them."""
+    out = np.zeros_like(weights)
+    out[:, np.argmax(weights.sum(axis=0))] = 1
+    return out
+
+
+def _importance(points: Floats, shape: Shape) -> float:
+    a, b, c = np.moveaxis(points[shape.triangles], 1, 0)
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+    return float(np.sqrt(area * len(shape.triangles))) * _SEEN.get(shape.name, 1.0)
+
+
+def _reduced(points: Floats, shape: Shape, budget: int) -> tuple[Floats, Ints, Ints]:
+    """Points (n,3), triangles (t,3) and (n,) the skin point that each grew out of."""
+    import igl
+
+    used, local = np.unique(shape.triangles, return_inverse=True)
+    _, first, same = np.unique(np.round(points[used], 6), axis=0, return_index=True, return_inverse=True)
+    triangles = same.reshape(-1)[local.reshape(-1, 3)].astype(np.int32)
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    goal = max(_LEAST, min(budget, len(triangles)))
+    triangles = _thinned(triangles, goal, len(first))
+    start = np.ascontiguousarray(points[used][first])
+    place, faces, _, born = igl.qslim(start, np.ascontiguousarray(triangles, np.int32), min(goal, len(triangles)))
+    kept = np.unique(faces)
+    return place[kept], np.searchsorted(kept, faces).astype(np.int32), used[first[born[kept]]]
+
+
+def _thinned(triangles: Ints, goal: int, points: int) -> Ints:
+    """Without some of the smallest loose pieces (strands of hair), which no collapse of edges makes fewer."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.concatenate([triangles[:, :2], triangles[:, 1:]])
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(points, points))
+    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    sizes = np.bincount(label)
+    loose = np.flatnonzero((sizes > 0) & (sizes < _CARD))
+    if 4 * len(loose) <= goal:
+        return triangles
+    spare = max(1, round(goal / 4))  # evenly over the surface, as pieces are numbered along it
+    kept = loose[np.unique(np.linspace(0, len(loose) - 1, spare).round().astype(int))]
+    return triangles[~np.isin(label, np.setdiff1d(loose, kept))]
+
+
+def _color(shape: Shape):  # noqa: ANN202
+    """Colours of skin points by their numbers: the shape's, or its material's."""
+    if shape.colors is not None:
+        return lambda born: shape.colors[born]
+    return lambda born: np.tile(np.array(shape.material.color[:3], np.float64), (len(born), 1))
+
+
+def _texture(points: Floats, shape: Shape) -> Floats:
+    """(n,2) texture coordinates of the skin's points as the shape has them; zero where it has none."""
+    out = np.zeros((len(points), 2))
+    if shape.uv is not None:
+        corners = shape.triangles if shape.uv_triangles is None else shape.uv_triangles
+        out[shape.triangles.reshape(-1)] = shape.uv[corners.reshape(-1)]
+    return out
