@@ -324,7 +324,7 @@ def solid(matrices: Floats) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
         linear = np.where(np.isfinite(matrices[..., :3, :3]), matrices[..., :3, :3], 0.0)
         size = np.linalg.svd(linear, compute_uv=False)
-    return (size[..., 2] > 1e-10 * size[..., 0]) & (size[..., 2] > 1e-12)  # type: ignore[no-any-return]
+    return (size[..., 2] > 1e-10 * size[..., 0]) & (size[..., 2] > 1e-12)
 
 
 def _inverse_binds(file: GltfFile, skin: int, count: int) -> Floats:
