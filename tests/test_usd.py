@@ -486,5 +486,5 @@ def test_the_command_line_knows_usd(tmp_path: Path) -> None:
     assert baked.returncode == 0 and "lost: the skeleton" in baked.stdout
     assert isinstance(vt.load(tmp_path / "ada.usda"), vt.Mesh)
     refused = run("convert", tmp_path / "ada.usdc", tmp_path / "ada.glb", "--bake")
-    assert refused.returncode == 2 and refused.stderr.startswith("error: --bake: expected a USD file")
+    assert refused.returncode == 2 and refused.stderr.startswith("error: --bake: expected an X3D, VRML or USD file")
     assert not (tmp_path / "ada.glb").exists()

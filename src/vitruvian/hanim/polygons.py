@@ -44,5 +44,10 @@ def corner_loops(shape: Shape) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def closed(table: Ints, loops: tuple[NDArray[np.int64], NDArray[np.int64]]) -> Ints:
     """What a (t,3) table has at the corners of loops, as a coordIndex list with -1 behind each polygon."""
     flat = table.reshape(-1)
-    rows = [np.column_stack([flat[k], np.full(len(k), -1)]).reshape(-1) for k in loops]
-    return np.concatenate(rows).astype(np.int32)
+    rows = []
+    for corners in loops:
+        if len(corners):
+            row = np.full((len(corners), corners.shape[1] + 1), -1, np.int32)
+            row[:, :-1] = flat[corners]
+            rows.append(row.reshape(-1))
+    return rows[0] if len(rows) == 1 else np.concatenate([*rows, np.zeros(0, np.int32)])

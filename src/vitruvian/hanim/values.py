@@ -305,6 +305,8 @@ def text_of(value: object, type: str, syntax: str) -> str:
             raise VitruvianError(f"{_short(value.text)} can't be written in {syntax} syntax")
         return text
     vrml, json, base = syntax == "vrml", syntax == "json", type[2:]
+    if isinstance(value, float) and type[:2] == "SF" and base in _SINGLE_FLOATS and not json:
+        return shortest_of(value)
     if value is None:
         return "NULL" if vrml else "null" if json else ""
     if base == "String" or isinstance(value, str) or (isinstance(value, list) and value and isinstance(value[0], str)):
@@ -317,11 +319,9 @@ def text_of(value: object, type: str, syntax: str) -> str:
         return f"[ {strings} ]" if vrml else strings
     import numpy as np
 
-    if type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
-        if isinstance(value, float):
-            return shortest_of(value)
-        if isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4:
-            return " ".join(map(shortest_of, value.tolist()))
+    few = isinstance(value, np.ndarray) and value.ndim == 1 and value.size <= 4
+    if few and type[:2] == "SF" and not json and base in _SINGLE_FLOATS:
+        return " ".join(map(shortest_of, value.tolist()))  # type: ignore[attr-defined]
     array = np.asarray(value)
     many = type.startswith("MF") or (not type and (array.ndim > 1 or array.size > 4))
     if array.dtype == bool or base == "Bool":
