@@ -381,7 +381,7 @@ class ContourOperator:
         rows = bind(some, len(body.skeleton), rigid=True)
         linear = Linear(bind(some, len(body.skeleton)), part.rest, self.threads)
         rigid = Rigid("log", body, rows, 1, self.follow, self.threads)
-        return Painted(linear, rigid, np.full(len(chosen), ROUND, np.float32))
+        return Painted(linear, ((rigid, np.full(len(chosen), ROUND)),), self.threads)
 
     @cached_property
     def stretch(self) -> Linear:
