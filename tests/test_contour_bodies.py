@@ -21,7 +21,7 @@ from vitruvian.modeling.trials import _bare, trials
 
 @pytest.fixture(scope="module")
 def made():
-    return contoured(vt.person(outfit="body suit"))
+    return contoured(vt.person(outfit=None))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_no_hard_pose_opens_a_seam_by_a_bit(made):
     assert len(found) == 10
     assert all(t.gap == 0 for t in found.values())
     assert all(0.95 < t.volume < 1.02 for t in found.values())
-    assert all(t.stretch < 6 for t in found.values())
+    assert all(t.stretch < 7 for t in found.values())
     assert found["knees 120"].folds == 0 and found["wrists twisted 150"].folds == 0
 
 
