@@ -135,7 +135,7 @@ def _compare(file: str, out: Path, names: list[str], pose: str | None, view: str
     if file == "person" and not Path(file).is_file():
         from vitruvian.modeling.person import person
 
-        humanoid = person(outfit="body suit")  # nothing that hides the surface
+        humanoid = person(outfit=None)  # nothing that hides the surface
     else:
         humanoid = subject(file)
     chosen = pose_of(pose, "--pose") if pose else None
