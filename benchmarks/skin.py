@@ -16,7 +16,6 @@ import numpy as np
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import from_vector
 from vitruvian.body.types import Body, Skeleton, Skin, Weights
-from vitruvian.deform.bind import plain_buckets
 from vitruvian.deform.deformer import Deformer, deformer
 from vitruvian.deform.operators import blend_linear
 from vitruvian.native import kernels
@@ -52,9 +51,8 @@ def poses(body: Body, frames: int, angle: float = 0.25, seed: int = 1) -> np.nda
 TURN = 5  # runs in a row
 
 
-def interleaved(tasks: dict[str, Callable[[], object]], seconds: float, *, least: bool = False) -> dict[str, float]:
-    """Median time (or the least) of each task, the tasks taking turns of `TURN` runs, all timed, for about that long in
-    all. Ratios want medians; a goal in milliseconds the least, as whatever else the machine does only adds."""
+def interleaved(tasks: dict[str, Callable[[], object]], seconds: float) -> dict[str, float]:
+    """Median time of each task, the tasks taking turns of `TURN` runs, all timed, for about that long in all."""
     times: dict[str, list[float]] = {name: [] for name in tasks}
     for task in tasks.values():
         task()
@@ -65,7 +63,7 @@ def interleaved(tasks: dict[str, Callable[[], object]], seconds: float, *, least
                 start = time.perf_counter()
                 task()
                 times[name].append(time.perf_counter() - start)
-    return {name: float(np.min(t) if least else np.median(t)) for name, t in times.items()}
+    return {name: float(np.median(t)) for name, t in times.items()}
 
 
 class Usd:
@@ -140,16 +138,11 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
         out.append(row(title, None, "UsdSkel", None, error, "<= 1e-05", error <= 1e-5))
 
     buckets = bound["linear"].operator.buckets  # type: ignore[attr-defined]
-    (b,) = plain_buckets(bound["linear"].operator.rows, body.skin.rest)  # type: ignore[attr-defined]
+    (b,) = buckets
     table = native.linear_table(matrices)
 
-    def kernel() -> None:
-        for bucket in buckets:
-            blend_linear(native, table, bucket, result, 0)
-
     tasks: dict[str, Callable[[], object]] = {
-        "kernel": kernel,
-        "one by one": lambda: blend_linear(native, native.linear_table(matrices), b, result, 0),
+        "kernel": lambda: blend_linear(native, table, b, result, 0),
         "usd": usd,
         "touch": lambda: native.touch(table[0], b.rest, b.joint, b.weight, result[0], 0),
         "usd-dq": lambda: usd_dq("dualQuaternion"),
@@ -163,15 +156,12 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
     ratio = t["usd-dq"] / t["dual-quaternion"]
     title = f"dual-quaternion, {label}"
     out.append(row(title, t["dual-quaternion"], "UsdSkel", t["usd-dq"], ratio, ">= 3", ratio >= 3))
-    # Linear blending as everybody does it, a vertex after the other, is what the logarithm's price was set against; eight
-    # vertices in lanes are faster still.
-    plain, peer = t["one by one"], "linear, one vertex after the other"
-    for other, limit in (("log", 1.7), ("dual-quaternion", 2.0), ("hybrid", 2.0)):
-        ratio = t[other] / plain
-        out.append(row(f"{other}, {label}", t[other], peer, plain, ratio, f"<= {limit:g}", ratio <= limit))
-    for other in ("log", "dual-quaternion", "hybrid", "log-pair", "volume"):
+    goals = {"log": 1.7, "dual-quaternion": 2.0, "hybrid": 2.0, "log-pair": None, "volume": None}
+    for other, limit in goals.items():
         ratio = t[other] / t["linear"]
-        out.append(row(f"{other}, {label}", t[other], "linear", t["linear"], ratio, "(for information)", True))
+        goal_text = "(for information)" if limit is None else f"<= {limit:g}"
+        title = f"{other}, {label}"
+        out.append(row(title, t[other], "linear", t["linear"], ratio, goal_text, limit is None or ratio <= limit))
     if vertices >= 100_000:
         limit = 1.5 if vertices < 1_000_000 else 1.3
         ratio = t["kernel"] / t["touch"]
@@ -206,10 +196,10 @@ def _person(seconds: float) -> list[dict[str, object]]:
     for name in ("linear", "log", "hybrid", "volume"):
         d = deformer(name, body)
         tasks[name] = lambda d=d: d.normals(d(matrices, out=result))  # type: ignore[misc]
-    t = interleaved(tasks, seconds, least=True)
+    t = interleaved(tasks, seconds)
     out = []
     for name, goal in (("linear", 0.25e-3), ("log", 0.4e-3), ("hybrid", None), ("volume", None)):
-        title = f"{name} with normals, least, person: {len(used)} vertices, {len(body.skeleton)} joints"
+        title = f"{name} with normals, person: {len(used)} vertices, {len(body.skeleton)} joints"
         ratio = t[name] / goal if goal else t[name] / t["linear"]
         peer, goal_text = (f"{goal * 1e3:g} ms", "<= 1") if goal else ("linear", "(for information)")
         out.append(row(title, t[name], peer, goal or t["linear"], ratio, goal_text, not goal or ratio <= 1))

@@ -1,6 +1,6 @@
 // Linear blend skinning: A = I + sum w (M - I), exact when weights do not sum to one (ISO/IEC 19774-1, skinCoordWeight).
 #include "kernels.h"
-#include "matrices.h"
+#include "lanes.h"
 
 namespace vt::VT_NS {
 
@@ -158,46 +158,6 @@ void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, i
         case 4: return run<4>(bucket, first, last, frames, joints, table, out, stride, whole);
         case 8: return run<8>(bucket, first, last, frames, joints, table, out, stride, whole);
         default: return run<0>(bucket, first, last, frames, joints, table, out, stride, whole);
-    }
-}
-
-namespace {
-
-template <int K>
-void run_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table,
-               float* out, int64_t stride, bool whole) {
-    for (int64_t f = 0; f < frames; ++f) {
-        const float* t = table + f * joints * 16;
-        float* o = out + f * stride;
-        for (int64_t place = first; place < last; place += 8) {
-            const int32_t* joint = bucket.joint + place / 8 * K;
-            const float* weight = bucket.weight + place * K;
-            const float* rest = bucket.rest + place * 3;
-            if (whole) {
-                f8 m[12];
-                blend_matrices<K, true, 1>(t, joint, weight, m);
-                write_frames(bucket.target, place, last, m, o);
-                continue;
-            }
-            const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
-            f8 moved[3];
-            blend_points<K, true, 1>(t, joint, weight, p, moved);
-            write_points(bucket.target, place, last, moved, o);
-        }
-    }
-}
-
-}  // namespace
-
-// `linear` of a bucket in lane layout with shared joints; `first` is a multiple of 8.
-void linear_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table,
-                  float* out, int64_t stride, bool whole) {
-    switch (bucket.influences) {
-        case 1: return run_lanes<1>(bucket, first, last, frames, joints, table, out, stride, whole);
-        case 2: return run_lanes<2>(bucket, first, last, frames, joints, table, out, stride, whole);
-        case 4: return run_lanes<4>(bucket, first, last, frames, joints, table, out, stride, whole);
-        case 8: return run_lanes<8>(bucket, first, last, frames, joints, table, out, stride, whole);
-        default: return;  // linear_buckets makes no others, the binding checks it
     }
 }
 

@@ -6,24 +6,24 @@ namespace vt::VT_NS {
 namespace {
 
 // A = I + sum w (M - I), by rows of four. Joints: K with U (the eight vertices share them), K times eight without;
-// S times the joint is its place in a table of four columns of three floats and a zero.
-template <int K, bool U, int S = 2>
+// twice the joint, the place of a dual quaternion, is its place in a table of four columns of three floats and a zero.
+template <int K, bool U>
 VT_INLINE void blend_matrices(const float* table, const int32_t* joint, const float* weight, f8 m[12]) {
     if (U) {
         for (int r = 0; r < 3; ++r)
             for (int k = 0; k < K; ++k) {
                 const f8 w = load8(weight + k * 8);
-                const float* t = table + S * int64_t(joint[k]) + r;
+                const float* t = table + 2 * int64_t(joint[k]) + r;
                 for (int c = 0; c < 4; ++c) m[r * 4 + c] = k ? m[r * 4 + c] + w * t[c * 4] : w * t[c * 4];
             }
     } else {
         alignas(32) float rows[2][8][8];
         const float *low[8], *high[8];
         for (int l = 0; l < 8; ++l) {
-            const float* t = table + S * int64_t(joint[l]);
+            const float* t = table + 2 * int64_t(joint[l]);
             f8 a = load8(t) * weight[l], b = load8(t + 8) * weight[l];
             for (int k = 1; k < K; ++k) {
-                t = table + S * int64_t(joint[k * 8 + l]);
+                t = table + 2 * int64_t(joint[k * 8 + l]);
                 a += load8(t) * weight[k * 8 + l];
                 b += load8(t + 8) * weight[k * 8 + l];
             }
@@ -44,14 +44,14 @@ VT_INLINE void blend_matrices(const float* table, const int32_t* joint, const fl
 }
 
 // p' = p + sum w (M p - p).
-template <int K, bool U, int S = 2>
+template <int K, bool U>
 VT_INLINE void blend_points(const float* table, const int32_t* joint, const float* weight, const f8 p[3], f8 out[3]) {
     if (U) {
         VT_UNROLL for (int r = 0; r < 3; ++r) {
             f8 m[4];
             for (int k = 0; k < K; ++k) {
                 const f8 w = load8(weight + k * 8);
-                const float* t = table + S * int64_t(joint[k]) + r;
+                const float* t = table + 2 * int64_t(joint[k]) + r;
                 for (int c = 0; c < 4; ++c) m[c] = k ? m[c] + w * t[c * 4] : w * t[c * 4];
             }
             out[r] = p[r] + ((m[0] * p[0] + m[1] * p[1]) + (m[2] * p[2] + m[3]));
@@ -59,7 +59,7 @@ VT_INLINE void blend_points(const float* table, const int32_t* joint, const floa
         return;
     }
     f8 m[12];
-    blend_matrices<K, false, S>(table, joint, weight, m);
+    blend_matrices<K, false>(table, joint, weight, m);
     for (int r = 0; r < 3; ++r)
         out[r] = (m[r * 4] * p[0] + m[r * 4 + 1] * p[1]) + (m[r * 4 + 2] * p[2] + m[r * 4 + 3]);
 }

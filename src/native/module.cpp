@@ -61,7 +61,6 @@ struct Kernels {
     decltype(&vt::base::forward_kinematics) forward_kinematics;
     decltype(&vt::base::linear_table) linear_table;
     decltype(&vt::base::linear) linear;
-    decltype(&vt::base::linear_lanes) linear_lanes;
     decltype(&vt::base::touch) touch;
     decltype(&vt::base::rigid) rigid;
     decltype(&vt::base::face_normals) face_normals;
@@ -72,7 +71,7 @@ struct Kernels {
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
-        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes, vt::NS::touch,   \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch,   \
             vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions,   \
             vt::NS::hand                                                                                    \
     }
@@ -174,24 +173,6 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     const int64_t block = frames > 1 ? kBlock : kRun;
     each(blocks(count, block), workers, [&](int64_t i) {
         use.linear(bucket, i * block, stop(i, count, block), frames, joints, table.data(), out.data(), stride, whole);
-    });
-}
-
-// The same for a bucket in lanes.
-void linear_lanes(Array<float, 3> table, Array<float, 3> rest, Array<int32_t, 2> joint, Array<float, 3> weight,
-                  std::optional<Array<int32_t, 1>> target, int64_t count, Output<float, 3> out, int threads) {
-    const size_t groups = size_t(count + 7) / 8, width = joint.shape(1);
-    check(rest.shape(0) == groups && joint.shape(0) == groups && weight.shape(0) == groups, "bucket does not fit together");
-    check(weight.shape(1) == width && weight.shape(2) == 8 && rest.shape(2) == 8, "bucket does not fit together");
-    check(width == 1 || width == 2 || width == 4 || width == 8, "no kernel so wide");
-    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), true};
-    const int64_t frames = int64_t(table.shape(0)), stride = int64_t(out.shape(1) * out.shape(2));
-    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
-    const int64_t block = frames > 1 ? kBlock : kRun;
-    each(blocks(count, block), workers, [&](int64_t i) {
-        use.linear_lanes(bucket, i * block, stop(i, count, block), frames, int64_t(table.shape(1)), table.data(),
-                         out.data(), stride, out.shape(2) == 12);
     });
 }
 
@@ -406,8 +387,6 @@ NB_MODULE(_native, m) {
     m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
           nb::arg("threads") = 0);
-    m.def("linear_lanes", &linear_lanes, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
-          nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
           nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));

@@ -29,16 +29,6 @@ def forward_kinematics(
 def linear_table(matrices: Double, still: bool = False) -> Single:
     """(F,J,4,4) to (F,J,16): M - I by columns of four; with `still` one more, which does not move."""
 
-def linear_lanes(
-    table: Single,
-    rest: Single,
-    joint: Ints,
-    weight: Single,
-    target: Ints | None,
-    count: int,
-    out: Single,
-    threads: int = 0,
-) -> None: ...
 def linear(
     table: Single,
     rest: Single,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, lane_buckets, linear_buckets
+from vitruvian.deform.bind import DUAL, Bucket, Influences, lane_buckets, plain_buckets
 from vitruvian.deform.motions import RIGID, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
@@ -42,7 +42,7 @@ class Linear:
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
-        return linear_buckets(self.rows, self.rest)
+        return plain_buckets(self.rows, self.rest)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         native = kernels()
@@ -69,10 +69,7 @@ class Linear:
 
 def blend_linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: int) -> None:
     """One bucket of out (F,V,3) or (F,V,12), by a table of `native.linear_table`."""
-    if b.lanes == LANES:
-        native.linear_lanes(table, b.rest, b.joint, b.weight, b.target, b.count, out, threads)
-    else:
-        native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
+    native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
 
 
 @dataclass(frozen=True, eq=False)
