@@ -5,7 +5,7 @@ Numbers of joints are sent one higher, so that 0 can mean none.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Body
 from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.hand_links import hands_of
-from vitruvian.deform.hand_terms import HandProgram, hand_program
+from vitruvian.deform.hand_terms import hand_program
 from vitruvian.show.wire import Block
 
 _CONTOUR = (
     "link axis bone base row step swing twist middle along frame diversion mitre mitre_link mitre_share bulge bulge_link"
 ).split()
-_OF_HAND = ("start", "end", "axis_near", "axis_far", "vertices")
-_OF_PROGRAM = ("normal_near", "normal_far", "vertex", "gap_vertex")
+_HAND = (
+    "hand.start hand.end hand.axis_near hand.axis_far hand.vertices normal_near normal_far vertex gap_vertex "
+    "assignment.share assignment.gap_share"
+).split()
 _ROUNDING = ("joint", "near", "far", "muscle", "belly", "arc")
 _NEXT = ("base",)  # fields in which -1 means none
 
@@ -52,19 +54,20 @@ def _hands(body: Body) -> dict[str, NDArray]:
         return {}
     starts = np.cumsum([0, *(len(p.hand.near) for p in programs)])[:-1]
 
-    def joined(of: Callable[[HandProgram], NDArray]) -> NDArray:
-        return np.concatenate([of(p) for p in programs])
+    def joined(path: str) -> NDArray:
+        return np.concatenate([attrgetter(path)(p) for p in programs])
 
-    def linked(of: Callable[[HandProgram], NDArray]) -> NDArray:
-        return np.concatenate([np.where(of(p) >= 0, of(p) + n, -1) for p, n in zip(programs, starts, strict=True)])
+    def linked(path: str) -> NDArray:
+        arrays = [attrgetter(path)(p) for p in programs]
+        return np.concatenate([np.where(a >= 0, a + n, -1) for a, n in zip(arrays, starts, strict=True)])
 
-    def roundings(p: HandProgram) -> NDArray:
-        return np.array([[getattr(r, name) for name in _ROUNDING] for r in p.hand.roundings], np.float64)
-
-    out = {name: joined(lambda p, n=name: getattr(p.hand, n) + 1) for name in ("before", "near", "far")}
-    out |= {name: joined(lambda p, n=name: getattr(p.hand, n)) for name in _OF_HAND}
-    out |= {name: joined(lambda p, n=name: getattr(p, n)) for name in _OF_PROGRAM}
-    out |= {name: joined(lambda p, n=name: getattr(p.assignment, n)) for name in ("share", "gap_share")}
-    out |= {name: linked(lambda p, n=name: getattr(p.assignment, n)) for name in ("link", "links")}
-    out |= {"previous": linked(lambda p: p.previous) + 1, "rounding": joined(roundings)}
-    return {f"hand_{name}": a for name, a in out.items()} | {"hand_left": joined(lambda p: 1 - p.whole)}
+    out = {name: joined(f"hand.{name}") + 1 for name in ("before", "near", "far")}
+    out |= {path.rpartition(".")[2]: joined(path) for path in _HAND}
+    out |= {path.rpartition(".")[2]: linked(path) for path in ("assignment.link", "assignment.links")}
+    roundings = [[getattr(r, name) for name in _ROUNDING] for p in programs for r in p.hand.roundings]
+    out |= {
+        "previous": linked("previous") + 1,
+        "rounding": np.array(roundings, np.float64),
+        "left": 1 - joined("whole"),
+    }
+    return {f"hand_{name}": a for name, a in out.items()}

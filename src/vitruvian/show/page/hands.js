@@ -63,10 +63,15 @@ export function handed(skin, positions, rest = skin.rest) {
 /** What the terms and gaps of a skin's hands take of its rest points; kept until those move. */
 function laid(skin, rest) {
   const p = skin.hands, kept = skin.laid;
-  if (kept?.hands === p && p.vertices.every((v, i) => [0, 1, 2].every((c) => kept.points[3 * i + c] === rest[3 * v + c]))) return kept;
+  if (kept?.hands === p && same(p.vertices, kept.points, rest)) return kept;
   const points = new Float32Array(3 * p.vertices.length);
   p.vertices.forEach((v, i) => points.set(rest.subarray(3 * v, 3 * v + 3), 3 * i));
   return (skin.laid = { hands: p, points, ...placed(p, rest) });
+}
+
+function same(vertices, points, rest) {
+  for (let i = 0; i < points.length; i++) if (points[i] !== rest[3 * vertices[Math.floor(i / 3)] + (i % 3)]) return false;
+  return true;
 }
 
 function placed(p, rest) {
