@@ -5,7 +5,7 @@ Numbers of joints are sent one higher, so that 0 can mean none.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,17 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Body
 from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.hand_links import hands_of
-from vitruvian.deform.hands import HandProgram, hand_program
+from vitruvian.deform.hand_terms import hand_program
 from vitruvian.show.wire import Block
 
 _CONTOUR = (
     "link axis bone base row step swing twist middle along frame diversion mitre mitre_link mitre_share bulge bulge_link"
 ).split()
+_HAND = (
+    "hand.start hand.end hand.axis_near hand.axis_far hand.vertices normal_near normal_far vertex gap_vertex "
+    "assignment.share assignment.gap_share"
+).split()
+_ROUNDING = ("joint", "near", "far", "muscle", "belly", "arc")
 _NEXT = ("base",)  # fields in which -1 means none
 
 
@@ -42,24 +47,27 @@ def _contours(body: Body) -> dict[str, NDArray]:
 
 
 def _hands(body: Body) -> dict[str, NDArray]:
-    """Both hands as one: links of the second follow those of the first."""
+    """Both hands as one: links of the second follow those of the first. What terms take of the rest points is worked out
+    in the page."""
     programs = [hand_program(hand, body.skin) for hand in hands_of(body)]
     if not programs:
         return {}
-    starts = np.cumsum([0, *(len(p.hand.near) for p in programs)])
+    starts = np.cumsum([0, *(len(p.hand.near) for p in programs)])[:-1]
 
-    def joined(name: str) -> NDArray:
-        return np.concatenate([getattr(p, name) for p in programs])
+    def joined(path: str) -> NDArray:
+        return np.concatenate([attrgetter(path)(p) for p in programs])
 
-    def linked(name: str) -> NDArray:
-        return np.concatenate([getattr(p, name) + n for p, n in zip(programs, starts)])
+    def linked(path: str) -> NDArray:
+        arrays = [attrgetter(path)(p) for p in programs]
+        return np.concatenate([np.where(a >= 0, a + n, -1) for a, n in zip(arrays, starts, strict=True)])
 
-    def of_hand(name: str) -> NDArray:
-        return np.concatenate([getattr(p.hand, name) for p in programs])
-
-    names = [f.name for f in fields(HandProgram)]
-    wanted = ("normal_near", "normal_far", *names[names.index("vertex") :])
-    out = {name: linked(name) if name in ("link", "links") else joined(name) for name in wanted}
-    out |= {name: of_hand(name) for name in ("start", "end", "axis_near", "axis_far", "vertices")}
-    out |= {name: of_hand(name) + 1 for name in ("before", "near", "far")}
-    return {f"hand_{name}": a for name, a in out.items()} | {"hand_left": 1 - of_hand("share")}
+    out = {name: joined(f"hand.{name}") + 1 for name in ("before", "near", "far")}
+    out |= {path.rpartition(".")[2]: joined(path) for path in _HAND}
+    out |= {path.rpartition(".")[2]: linked(path) for path in ("assignment.link", "assignment.links")}
+    roundings = [[getattr(r, name) for name in _ROUNDING] for p in programs for r in p.hand.roundings]
+    out |= {
+        "previous": linked("previous") + 1,
+        "rounding": np.array(roundings, np.float64),
+        "left": 1 - joined("whole"),
+    }
+    return {f"hand_{name}": a for name, a in out.items()}
