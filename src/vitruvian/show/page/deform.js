@@ -76,6 +76,9 @@ export function subset(skin, vertices) {
   return { ...skin, V, morphs, rest, moved: rest.slice(), over: pick(skin.over, 1), normals: pick(skin.normals, 3), row, joint, weight };
 }
 
+/** Arrays of a skin that are made once, and never twice: `make()` under that name. */
+export const once = (skin, name, make) => ((skin.made ??= {})[name] ??= make());
+
 /** positions and normals (V*3 each, written) of `skin` in `pose` (J*12) with displacer `weights`, by one of `BLENDS`. */
 export function deform(name, skin, pose, weights, positions, normals) {
   setPose(skin, pose);
