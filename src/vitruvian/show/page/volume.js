@@ -26,7 +26,7 @@ function whole(skin, name, size, make) {
   if (!skin.whole) return once(skin, name, () => make(skin));
   const all = once(skin.whole, name, () => make(skin.whole));
   return once(skin, name, () => {
-    const out = new Float32Array(size * skin.V);
+    const out = new all.constructor(size * skin.V);
     skin.vertices.forEach((v, i) => out.set(all.subarray(size * v, size * v + size), size * i));
     return out;
   });
@@ -126,7 +126,7 @@ function centers(skin) {
       for (let c = 0; c < 3; c++) out[3 * v + c] += (weight[k] / total) * foot[c];
     }
   }
-  return Float32Array.from(averaged(skin, out, 3, SMOOTH));
+  return averaged(skin, out, 3, SMOOTH);
 }
 
 /** Sums and counts (J*4) of the vertices of joints without a parent: those without bones too go on towards their mean. */
