@@ -26,7 +26,6 @@ export function run(name, skin, pose, weights, positions, normals) {
     setPose(skin, pose);
     const rest = displaceBefore(skin, weights);
     rigid(skin);
-    blend(skin, rest, positions, normals, "log");
     contoured(skin, rest, positions, normals);
     displaceAfter(skin, weights, positions);
   } else if (name === "hand") {
