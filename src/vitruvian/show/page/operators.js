@@ -37,17 +37,18 @@ export function run(name, skin, pose, weights, positions, normals) {
   } else deform(BLENDS.includes(name) ? name : "log", skin, pose, weights, positions, normals);
 }
 
-// Hybrid ------------------------------------------------------------------------------------------------------------
-
 function hybrid(skin, pose, weights, positions, normals) {
   const other = once(skin, "other", () => new Float32Array(3 * skin.V)), otherN = once(skin, "otherN", () => new Float32Array(3 * skin.V));
   deform("linear", skin, pose, weights, positions, normals);
   deform("log", skin, pose, weights, other, otherN);
-  const { limit, pairs, sets, group: all, tree, left } = once(skin.whole ?? skin, "pairs", () => pairsOf(skin.whole ?? skin));
-  const group = skin.whole ? once(skin, "group", () => Uint32Array.from(skin.vertices, (v) => all[v])) : all, cosine = cosines(skin, tree, left);
+  const { limit, pairs, sets, group: all } = once(skin.whole ?? skin, "pairs", () => pairsOf(skin.whole ?? skin)), { dq } = skin;
+  const group = skin.whole ? once(skin, "group", () => Uint32Array.from(skin.vertices, (v) => all[v])) : all;
   const share = limit.map((most, i) => {
+    const a = 8 * pairs[i][0], b = 8 * pairs[i][1];
     if (most >= Math.PI || most <= 0) return most <= 0 ? 1 : 0;
-    const s = Math.min(1, Math.max(0, (2 * Math.acos(Math.max(-1, Math.min(cosine(...pairs[i]), 1))) - most / 2) / (most / 2)));
+    // The short way: two joints of a vertex are only more than half a turn apart where another pair of it is bent enough.
+    const dot = Math.abs(dq[a] * dq[b] + dq[a + 1] * dq[b + 1] + dq[a + 2] * dq[b + 2] + dq[a + 3] * dq[b + 3]);
+    const s = Math.min(1, Math.max(0, (2 * Math.acos(Math.min(dot, 1)) - most / 2) / (most / 2)));
     return s * s * (3 - 2 * s);
   });
   const most = sets.map((list) => list.reduce((m, i) => Math.max(m, share[i]), 0));
@@ -65,42 +66,8 @@ function hybrid(skin, pose, weights, positions, normals) {
   }
 }
 
-/** (a, b) -> the cosine of half the angle between two joints: of more than half a turn where signs agree along all pairs. */
-function cosines({ dq, J }, tree, left) {
-  const sign = new Int8Array(J + 1).fill(1);
-  const dot = (a, b) => sign[a] * sign[b] * (dq[8 * a] * dq[8 * b] + dq[8 * a + 1] * dq[8 * b + 1] + dq[8 * a + 2] * dq[8 * b + 2] + dq[8 * a + 3] * dq[8 * b + 3]);
-  for (const [a, b] of tree) if (dot(a, b) < 0) sign[b] *= -1;
-  const agree = left.every(([a, b]) => dot(a, b) >= 0);
-  return (a, b) => (agree ? dot(a, b) : Math.abs(dot(a, b)));
-}
-
-/** The pairs of each vertex's first joint and its others: trees, outward from the most used joint, and what is left over. */
-function chain({ V, J, row, joint }) {
-  const near = Array.from({ length: J + 1 }, () => new Set()), use = new Uint32Array(J + 1), seen = new Set(), tree = [], left = [];
-  for (let v = 0; v < V; v++) for (let k = row[v]; k < row[v + 1]; k++) {
-    const a = joint[row[v]], b = joint[k];
-    use[b]++;
-    if (a !== b) { near[a].add(b); near[b].add(a); }
-  }
-  const sorted = near.map((set) => [...set].sort((a, b) => a - b)), above = new Int32Array(J + 1).fill(-1);
-  for (const start of [...near.keys()].sort((a, b) => use[b] - use[a] || a - b)) {
-    if (seen.has(start)) continue;
-    seen.add(start);
-    const queue = [start]; // grows while it is read: breadth first
-    for (const a of queue) for (const b of sorted[a]) if (!seen.has(b)) {
-      seen.add(b);
-      above[b] = a;
-      tree.push([a, b]);
-      queue.push(b);
-    }
-  }
-  sorted.forEach((list, a) => list.forEach((b) => { if (a < b && above[a] !== b && above[b] !== a) left.push([a, b]); }));
-  return { tree, left };
-}
-
 /** Joint pairs that share vertices, with the angle from which each counts as turned; sets of pairs, one a vertex. */
-function pairsOf(skin) {
-  const { V, J, row, joint, rest, centers, parents } = skin;
+function pairsOf({ V, J, row, joint, rest, centers, parents }) {
   const pairs = [], numbers = new Map(), sets = [], known = new Map(), group = new Uint32Array(V), radius = [];
   const depth = new Int32Array(J + 1);
   for (let j = 0; j < J; j++) depth[j] = parents[j] >= 0 ? depth[parents[j]] + 1 : 0;
@@ -123,7 +90,7 @@ function pairsOf(skin) {
       radius[i] = Math.max(radius[i], away(rest, 3 * v, centers, 3 * far, near === J ? 0 : 3 * near));
     }
   }
-  return { ...chain(skin), pairs, sets, group, limit: radius.map((r) => 2 * Math.acos(Math.min(1, Math.max(-1, 1 - TOLERANCE / r)))) };
+  return { pairs, sets, group, limit: radius.map((r) => 2 * Math.acos(Math.min(1, Math.max(-1, 1 - TOLERANCE / r)))) };
 }
 
 /** Distance of a point from the line through the centre at `far` in the direction from the one at `near`. */
