@@ -16,7 +16,7 @@ import vitruvian as vt
 from capsules import capsule_body, stride
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.rotations import from_axis_angle
-from vitruvian.body.types import Body, Morph
+from vitruvian.body.types import Body, Morph, Weights
 from vitruvian.deform.deformer import NAMES, deformer
 from vitruvian.deform.quality import Gauge, turned
 from vitruvian.show.actors import actors_of, mesh_message
@@ -123,6 +123,32 @@ def test_scaled_joints_bindings_and_displacers_in_the_page(tmp_path) -> None:
     for name in names:
         wanted = deformer(name, body)(matrices, {m.name: 0.5 for m in body.skin.morphs})
         assert np.abs(answer[name]["points"] - wanted).max() < 1e-4, name
+
+
+def test_turns_beyond_half_a_turn_have_the_signs_of_the_kernels(tmp_path) -> None:
+    body = capsule_body(vertices=900)
+    random, parents, count = np.random.default_rng(7), body.skeleton.parents, len(body.skin.rest)
+    rows = []
+    for v in range(count):  # several joints of one chain, and a part that stays
+        joint = int(random.integers(len(parents)))
+        own = [joint]
+        while parents[own[-1]] >= 0 and len(own) < 4:
+            own.append(int(parents[own[-1]]))
+        share = random.dirichlet(np.ones(len(own))) * (1 if v % 7 else 0.8)
+        rows += [(v, j, w) for j, w in zip(own, share)]
+    vertex, joint, weight = (np.array(column) for column in zip(*rows))
+    rest = body.skin.rest.astype(np.float32).astype(float)
+    body = replace(body, skin=replace(body.skin, rest=rest, weights=Weights.from_pairs(count, vertex, joint, weight)))
+    names = [x for x in NAMES if x not in ("contours", "hand")]
+    cases = []
+    for reach in (0.3, 1.5, 2.6, 2.6, 2.6):
+        axes = random.normal(size=(len(parents), 3))
+        turns = np.column_stack([axes, random.uniform(-reach, reach, len(parents))])
+        cases.append((body, posed(body, dict(zip(body.skeleton.names, turns))), names, None, {}))
+    for (body, matrices, *_), answer in zip(cases, in_page(tmp_path, cases)):
+        for name in names:
+            wanted = deformer(name, body)(matrices)
+            assert np.abs(answer[name]["points"] - wanted).max() < 1e-5, name
 
 
 @pytest.mark.parametrize(("axis", "degrees"), [((0, 0, 1), 90), ((0, 0, 1), 135), ((1, 0, 0), 90), ((1, 0, 0), 135)])

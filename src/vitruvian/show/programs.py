@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Body
-from vitruvian.deform.contours import ContourOperator
+from vitruvian.deform.contours import ContourOperator, Program
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.deform.hand_terms import hand_program
 from vitruvian.show.wire import Block
@@ -28,7 +28,7 @@ _NEXT = ("base",)  # fields in which -1 means none
 
 
 def program_blocks(body: Body, actor: str) -> list[Block]:
-    """Blocks named `contour_...` and `hand_...` of those that the body has; see contours.js and hands.js."""
+    """Blocks named `contour_...`, `seen_...` and `hand_...` of those that the body has; see contours.js and hands.js."""
     arrays = _contours(body) | _hands(body)
     return [Block(name, _sent(a), actor) for name, a in arrays.items()]
 
@@ -38,12 +38,22 @@ def _sent(array: NDArray) -> NDArray:
 
 
 def _contours(body: Body) -> dict[str, NDArray]:
+    """The program of all contours as `contour_...`, and that of the joints `seen_joint`, as `seen_...`: how vertices
+    outside the contours see them turned."""
     if not body.contours:
         return {}
     operator = ContourOperator(body)
-    out = {name: getattr(operator.program, name) + (name in _NEXT) for name in _CONTOUR}
+    out = _laid("contour", operator.program) | {"contour_owner": operator.owner + 1}
+    if operator.seen is not None:
+        joints, turns = operator.seen
+        out |= _laid("seen", turns) | {"seen_joint": joints}
+    return out
+
+
+def _laid(title: str, program: Program) -> dict[str, NDArray]:
+    out = {name: getattr(program, name) + (name in _NEXT) for name in _CONTOUR}
     out["link"] = out["link"] + np.array([1, 0])  # the first of a pair may be none
-    return {f"contour_{name}": a for name, a in out.items()} | {"contour_owner": operator.owner + 1}
+    return {f"{title}_{name}": a for name, a in out.items()}
 
 
 def _hands(body: Body) -> dict[str, NDArray]:

@@ -40,6 +40,7 @@ MODULES = (
     "mesh.js",
     "contours.js",
     "hands.js",
+    "volume.js",
     "operators.js",
     "skin.js",
     "sections.js",

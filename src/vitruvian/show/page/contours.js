@@ -1,27 +1,29 @@
-// Bodies organised in contours: each contour moves as one piece, by shares of its joints' rotations.
+// Bodies organised in contours: each contour moves as one piece, by shares of its joints' rotations. Skin between them
+// follows its weights, and sees joints turned as the contours that it is sewn to have taken their twist.
 // The same as the contour program of vitruvian.deform, which Python lays out; names of arrays are those of its fields.
 
-import { linear } from "./deform.js";
+import { blend, linear, once, rigid, subset } from "./deform.js";
 
 const LIMIT = 1.5; // how much a mitre may widen
+const ROUND = 0.3; // of "log" in what skins vertices outside the contours, the rest is "linear"
+const FIELDS = ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link"];
 
-/** The program out of a mesh message's blocks, or null. `owner` (V): one more than the contour of a vertex, 0: none. */
+/** The program out of a mesh message's blocks, or null. `owner` (V): one more than the contour of a vertex, 0: none.
+ * `seen`: another program, whose contours are how vertices outside see the joints `seen.joint` turned; or null. */
 export function contourProgram(get) {
-  if (!get("contour_base")) return null;
-  const out = { owner: get("contour_owner") };
-  for (const name of ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link"]) out[name] = get(`contour_${name}`);
-  out.motion = new Float64Array(12 * out.base.length);
-  return out;
+  const laid = (title) => get(`${title}_base`) && Object.fromEntries([...FIELDS.map((name) => [name, get(`${title}_${name}`)]), ["motion", new Float64Array(12 * get(`${title}_base`).length)]]);
+  const out = laid("contour"), seen = out && laid("seen");
+  return out ? { ...out, owner: get("contour_owner"), seen: seen ? { ...seen, joint: get("seen_joint") } : null } : null;
 }
 
 /** The same program for some vertices. */
 export const contoursOf = (program, vertices) => ({ ...program, owner: Uint32Array.from(vertices, (v) => program.owner[v]) });
 
-/** Move the vertices of contours in `positions` and `normals` from `rest`; after `rigid` and `blend`. */
+/** Vertices in `positions` and `normals` from `rest`; after `rigid`. */
 export function contoured(skin, rest, positions, normals) {
-  const { contours: p, V } = skin, R = rigidParts(skin);
-  const from = skin.stretched ? stretchedRest(skin, rest) : rest;
+  const { contours: p, V } = skin, R = rigidParts(skin), from = skin.stretched ? stretchedRest(skin, rest) : rest;
   motions(p, R, skin.centers);
+  sewn(skin, R, from, positions, normals);
   for (let v = 0, i = 0; v < V; v++, i += 3) {
     if (!p.owner[v]) continue;
     const m = 12 * (p.owner[v] - 1), M = p.motion, x = from[i], y = from[i + 1], z = from[i + 2];
@@ -31,9 +33,49 @@ export function contoured(skin, rest, positions, normals) {
       positions[i + r] = M[a] * x + M[a + 1] * y + M[a + 2] * z + M[a + 3];
       normals[i + r] = M[a] * nx + M[a + 1] * ny + M[a + 2] * nz;
     }
-    const s = 1 / (Math.hypot(normals[i], normals[i + 1], normals[i + 2]) || 1);
-    for (let r = 0; r < 3; r++) normals[i + r] *= s;
+    unit(normals, i);
   }
+}
+
+/** Vertices that no contour moves, by their weights: `ROUND` of "log" over "linear", of rigid joints R (J*12) as seen. */
+function sewn(skin, R, from, positions, normals) {
+  const p = skin.contours, part = once(skin, "sewn", () => loose(skin)), { vertices, V } = part;
+  part.M.set(R);
+  if (p.seen) {
+    motions(p.seen, R, skin.centers);
+    p.seen.joint.forEach((j, i) => part.M.set(p.seen.motion.subarray(12 * i, 12 * i + 12), 12 * j));
+  }
+  rigid(part);
+  const { at, one, oneN, two, twoN } = part.room;
+  vertices.forEach((v, i) => { for (let c = 0; c < 3; c++) at[3 * i + c] = from[3 * v + c]; });
+  linear(part, at, one, oneN);
+  blend(part, at, two, twoN, "log");
+  for (let k = 0; k < V; k++) {
+    const i = 3 * vertices[k];
+    for (let c = 0; c < 3; c++) {
+      positions[i + c] = one[3 * k + c] + ROUND * (two[3 * k + c] - one[3 * k + c]);
+      normals[i + c] = oneN[3 * k + c] + ROUND * (twoN[3 * k + c] - oneN[3 * k + c]);
+    }
+    unit(normals, i);
+  }
+}
+
+/** The part of a skin outside its contours, with weights that sum to one, and room to move it. */
+function loose(skin) {
+  const vertices = [...skin.contours.owner.keys()].filter((v) => !skin.contours.owner[v]), part = subset(skin, vertices);
+  for (let v = 0; v < part.V; v++) {
+    const s = 1 / (1 - part.over[v]);
+    for (let k = part.row[v]; k < part.row[v + 1]; k++) part.weight[k] *= s;
+    part.over[v] = 0;
+  }
+  const room = Object.fromEntries(["at", "one", "oneN", "two", "twoN"].map((name) => [name, new Float32Array(3 * part.V)]));
+  const own = (name) => new Float32Array(skin[name].length);
+  return { ...part, vertices, room, M: own("M"), dq: own("dq"), stretch: own("stretch") };
+}
+
+function unit(a, i) {
+  const s = 1 / (Math.hypot(a[i], a[i + 1], a[i + 2]) || 1);
+  for (let c = i; c < i + 3; c++) a[c] *= s;
 }
 
 /** Rows of 12 of the rigid part of each joint's motion, out of the dual quaternions that `rigid` made. */

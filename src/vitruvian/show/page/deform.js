@@ -44,7 +44,7 @@ export function bind({ rest, row, joint, weight, triangles, centers, morphs = []
       if (sum < 1) list.push([J, 1 - sum]);
       else over[v] = 1 - sum; // more than one: linear takes the formula as written, the others normalise
     }
-    list.sort((a, b) => b[1] - a[1]);
+    list.sort((a, b) => b[1] - a[1] || a[0] - b[0]);
     for (const [j, w] of list) { joints.push(j); weights.push(w); }
     rows[v + 1] = joints.length;
   }
@@ -75,6 +75,9 @@ export function subset(skin, vertices) {
   const rest = pick(skin.rest, 3);
   return { ...skin, V, morphs, rest, moved: rest.slice(), over: pick(skin.over, 1), normals: pick(skin.normals, 3), row, joint, weight };
 }
+
+/** Arrays of a skin that are made once, and never twice: `make()` under that name. */
+export const once = (skin, name, make) => ((skin.made ??= {})[name] ??= make());
 
 /** positions and normals (V*3 each, written) of `skin` in `pose` (J*12) with displacer `weights`, by one of `BLENDS`. */
 export function deform(name, skin, pose, weights, positions, normals) {
@@ -301,14 +304,15 @@ export function blend(skin, rest, out, outN, name) {
         let sx = w * ex - a * ew - b * ez + c * ey + dw * qx - da * qw - db * qz + dc * qy;
         let sy = w * ey + a * ez - b * ew - c * ex + dw * qy + da * qz - db * qw - dc * qx;
         let sz = w * ez - a * ey + b * ex - c * ew + dw * qz - da * qy + db * qx - dc * qw;
-        if (rw < 0) { rw = -rw; rx = -rx; ry = -ry; rz = -rz; sw = -sw; sx = -sx; sy = -sy; sz = -sz; }
+        // the sign that the blend above took, which for the last is the short way from rest
+        if ((absolute ? rw : pw * qw + px * qx + py * qy + pz * qz) < 0) { rw = -rw; rx = -rx; ry = -ry; rz = -rz; sw = -sw; sx = -sx; sy = -sy; sz = -sz; }
         const lx = 2 * (rw * sx - sw * rx + ry * sz - rz * sy);
         const ly = 2 * (rw * sy - sw * ry + rz * sx - rx * sz);
         const lz = 2 * (rw * sz - sw * rz + rx * sy - ry * sx);
         // f = angle / |r|, kk = (1 - (angle/2) cot(angle/2)) / angle^2; series in tt = tan^2(angle/2) up to 33 degrees
         const nn = rx * rx + ry * ry + rz * rz, tt = nn / (rw * rw);
         let f, kk;
-        if (tt < 0.09) {
+        if (rw > 0 && tt < 0.09) {
           const tail = 1 / 3 - tt * (1 / 5 - tt * (1 / 7 - tt * (1 / 9 - tt * (1 / 11 - tt / 13)))), p = 1 - tt * tail;
           f = 2 * p / rw;
           kk = tail / (4 * p * p);
