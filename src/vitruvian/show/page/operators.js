@@ -31,8 +31,9 @@ export function run(name, skin, pose, weights, positions, normals) {
   } else if (name === "hand") {
     setPose(skin, pose);
     rigid(skin);
-    blend(skin, displaceBefore(skin, weights), positions, normals, "log");
-    handed(skin, positions);
+    const rest = displaceBefore(skin, weights);
+    blend(skin, rest, positions, normals, "log");
+    handed(skin, positions, rest);
     displaceAfter(skin, weights, positions);
   } else deform(BLENDS.includes(name) ? name : "log", skin, pose, weights, positions, normals);
 }
