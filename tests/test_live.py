@@ -279,6 +279,8 @@ def test_the_script_knows_all_that_turns_contours(humanoid):
     source = Path(module.__file__).with_suffix(".js").read_text()
     told = {"mitre_link": "mitreLink", "mitre_share": "mitreShare", "bulge_link": "bulgeLink"}
     for field in dataclasses.fields(Program):
+        if field.name == "paper":  # twists as first published: files never turn so
+            continue
         assert f"plain({told.get(field.name, field.name)})" in source, field.name
 
 

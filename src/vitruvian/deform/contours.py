@@ -285,6 +285,24 @@ def _vector(q: Floats) -> Floats:
     return q[..., :3] * np.where(length < 1e-12, 2.0, angle / np.where(length < 1e-12, 1.0, length))
 
 
+def retwisted(surfaces: Collection[Contours]) -> list[Contours]:
+    """Surfaces of one contour that moves as vertices outside the contours see the surface's own joint move: see
+    `ContourOperator.seen`. None for joints that they see as they are."""
+    found = {}
+    for s in surfaces:
+        if s.joint != s.joints[0]:
+            continue
+        whole = np.ones((1, len(s.joints)))
+        if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and (s.tied[:, 1] == 0).any():
+            keep, swing, twist = 1, whole[:, :1], np.zeros((1, 1))
+        elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and (s.tied[:, 1] == len(s) - 1).any():
+            keep, swing, twist = 2, np.array([[1.0, 0.0]]), np.ones((1, 2))
+        else:
+            continue
+        found[s.joint] = Contours(s.name, s.joint, s.vertices[:1], s.joints[:keep], swing, twist, s.axes[:keep])
+    return list(found.values())
+
+
 @dataclass(frozen=True, eq=False)
 class ContourOperator:
     """The operator of a body with contours. `off`: names of surfaces that follow their joint as rigid pieces.
@@ -323,23 +341,10 @@ class ContourOperator:
     def seen(self) -> tuple[Ints, Program] | None:
         """Joints that vertices outside the contours see turned otherwise, and how: without the twist that contours
         sewn to them spread below, and with the twist that contours have taken up above."""
-        found = {}
-        for s in self.body.contours:
-            if s.name in self.off or s.joint != s.joints[0]:
-                continue
-            whole = np.ones((1, len(s.joints)))
-            if s.twist[0, 0] == 0 and s.swing[0, 0] > 0 and (s.tied[:, 1] == 0).any():
-                keep, swing, twist = 1, whole[:, :1], np.zeros((1, 1))
-            elif len(s.joints) == 2 and s.twist[-1, 1] == 1 and (s.tied[:, 1] == len(s) - 1).any():
-                keep, swing, twist = 2, np.array([[1.0, 0.0]]), np.ones((1, 2))
-            else:
-                continue
-            found[s.joint] = Contours(
-                s.name, s.joint, s.vertices[:1], s.joints[:keep], swing, twist, s.axes[:keep]
-            )  # fmt: skip
+        found = retwisted([s for s in self.body.contours if s.name not in self.off])
         if not found:
             return None
-        return np.array(list(found), np.int32), program(self.body, list(found.values()), paper=self.paper)
+        return np.array([s.joint for s in found], np.int32), program(self.body, found, paper=self.paper)
 
     @cached_property
     def carried(self) -> Linear:

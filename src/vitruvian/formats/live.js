@@ -5,7 +5,7 @@
 
 var F = typeof Float32Array === 'undefined' ? Array : Float32Array;
 var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12;
-var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, moved;
+var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, shownM, shownQ, local, moved;
 
 function plain(field) { var a = [], i, n = field.length; for (i = 0; i < n; ++i) a.push(field[i]); return a; }
 
@@ -32,10 +32,11 @@ function initialize() {
     first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
+    tied: plain(tied), seenSurface: plain(seenSurface), round: plain(round),
     facesRow: plain(facesRow), faces: plain(faces)
   };
   J = place.parent.length;
-  turns = []; fresh = []; links = []; parts = [];
+  turns = []; fresh = []; links = []; parts = []; local = [];
   dirty = []; on = true; survey = false; level = 0;
   for (i = 0; i < J; ++i) { turns.push([0, 0, 1, 0]); fresh.push(null); }
   for (i = 0; i < place.link.length / 2; ++i) links.push({ before: [0, 0, 0, 1], known: false });
@@ -170,17 +171,36 @@ function turned() {
   }
 }
 
-function contour(i) {
-  var p = place, m = p.base[i] < 0 ? STILL : M[p.base[i]], s, l, k, n, c = three(p.middle, i), q, half, sine;
-  for (s = p.row[i]; s < p.row[i + 1]; ++s) {
-    l = p.step[s]; k = links[l]; n = three(p.axis, l);
-    if (p.twist[s] < 0) q = part(k.whole, p.swing[s]);
-    else {
-      half = p.twist[s] * k.twist / 2; sine = Math.sin(half);
-      q = product(part(k.swing, p.swing[s]), [n[0] * sine, n[1] * sine, n[2] * sine, Math.cos(half)]);
+// The share that step s takes of its link's rotation.
+function share(s) {
+  var p = place, l = p.step[s], k = links[l], n = three(p.axis, l), half, sine;
+  if (p.twist[s] < 0) return part(k.whole, p.swing[s]);
+  half = p.twist[s] * k.twist / 2; sine = Math.sin(half);
+  return product(part(k.swing, p.swing[s]), [n[0] * sine, n[1] * sine, n[2] * sine, Math.cos(half)]);
+}
+
+// Joints as skin between contours sees them: without the twist that contours sewn to it spread below, and with the
+// twist that contours have taken up above.
+function retwisted() {
+  var p = place, e, i, s, m, q, t, first = p.first[p.each.length];
+  shownM = M.slice(0); shownQ = Q.slice(0);
+  for (e = 0; e < p.seenSurface.length; ++e) {
+    if (!on && p.switched[p.seenSurface[e]]) continue;
+    i = first + e;
+    m = p.base[i] < 0 ? STILL : M[p.base[i]];
+    q = p.base[i] < 0 ? [0, 0, 0, 1] : Q[p.base[i]];
+    for (s = p.row[i]; s < p.row[i + 1]; ++s) {
+      t = share(s);
+      m = times(m, about(t, three(p.center, p.link[2 * p.step[s] + 1])));
+      q = product(q, t);
     }
-    m = times(m, about(q, three(p.center, p.link[2 * l + 1])));
+    shownM[p.frame[i]] = m; shownQ[p.frame[i]] = q;
   }
+}
+
+function contour(i) {
+  var p = place, m = p.base[i] < 0 ? STILL : M[p.base[i]], s, k, c = three(p.middle, i);
+  for (s = p.row[i]; s < p.row[i + 1]; ++s) m = times(m, about(share(s), three(p.center, p.link[2 * p.step[s] + 1])));
   var shift = [0, 0, 0], here, there, r, stretch = 0, u = [0, 0, 0], widen = 1, size;
   if (p.diversion[i] !== 0) {
     here = apply(m, c); there = apply(M[p.frame[i]], c);
@@ -261,32 +281,36 @@ function surface(s) {
     if (survey) all = surveyed(all, first);
   }
   for (i = first; i < p.first[s + 1]; ++i) {
-    x = whole ? STILL : seen(M[f], all[i - first]);
+    x = local[i] = whole ? STILL : seen(M[f], all[i - first]);
     for (k = 0; k < p.each[s]; ++k, ++at) if (o.used[at]) put(o, at, x, o.first + at, c);
   }
 }
 
-// Points with weights of several joints, as the first joint's Segment has them: rigid motions are blended, and taken
-// one step towards their mean (`log` of vitruvian).
+// Points between contours, as the first joint's Segment has them. What lies on the end of a surface goes with its
+// contour; the rest by its weights.
 function soft(s) {
   var p = place, o = parts[s], start = o.soft > 0 ? p.softEnd[o.soft - 1] : 0, v, k, x;
   for (k = 0; k < o.count; ++k) {
     v = start + k;
-    x = p.softRow[v + 1] - p.softRow[v] === 1 || (!on && p.switched[p.each.length + v])
-      ? motionOf(p.softJoint[p.softRow[v]]) : blended(p.softRow[v], p.softRow[v + 1]);
+    if (p.tied[v] >= 0) x = times(M[p.frame[p.tied[v]]], local[p.tied[v]]);
+    else if (p.softRow[v + 1] - p.softRow[v] === 1 || (!on && p.switched[p.each.length + v]))
+      x = motionOf(p.softJoint[p.softRow[v]]);
+    else x = blended(p.softRow[v], p.softRow[v + 1]);
     put(o, k, seen(M[0], x), o.first + k, [0, 0, 0]);
   }
 }
 
-function motionOf(j) { return j < 0 ? STILL : M[j]; }
-function turnOf(j) { return j < 0 ? [0, 0, 0, 1] : Q[j]; }
+function motionOf(j) { return j < 0 ? STILL : shownM[j]; }
+function turnOf(j) { return j < 0 ? [0, 0, 0, 1] : shownQ[j]; }
 
+// Between the mean of rigid motions (blended, and taken one step: `log` of vitruvian) and that of their matrices.
 function blended(from, to) {
   var p = place, real = [0, 0, 0, 0], dual = [0, 0, 0, 0], signs = [], e, i, q, w, m, t, n, sum, d, wv, vv, A, R;
-  var pivot = turnOf(p.softJoint[from]);
+  var pivot = turnOf(p.softJoint[from]), mean = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
   for (e = from; e < to; ++e) {
     q = turnOf(p.softJoint[e]); m = motionOf(p.softJoint[e]);
     w = p.softWeight[e];
+    for (i = 0; i < 12; ++i) mean[i] += w * m[i];
     if (dot(q, pivot) + q[3] * pivot[3] < 0) q = [-q[0], -q[1], -q[2], -q[3]];
     signs.push(q);
     t = product([m[3], m[7], m[11], 0], q);
@@ -308,7 +332,9 @@ function blended(from, to) {
     sum = twistOf(R, d);
     for (i = 0; i < 3; ++i) { wv[i] += p.softWeight[e] * R[i]; vv[i] += p.softWeight[e] * sum[i]; }
   }
-  return times(A, matrix(part(wv, 1), wayOf(wv, vv)));
+  m = times(A, matrix(part(wv, 1), wayOf(wv, vv)));
+  for (i = 0; i < 12; ++i) mean[i] += p.round[0] * (m[i] - mean[i]);
+  return mean;
 }
 
 // The velocity that takes a body by t while it turns by w, and the way that it goes with velocity v.
@@ -364,6 +390,7 @@ function eventsProcessed() {
     Q.push(place.parent[j] < 0 ? world[j] : product(Q[place.parent[j]], world[j]));
   }
   turned();
+  retwisted();
   moved = [];
   for (s = 0; s < parts.length; ++s) {
     moved.push(all || concerned(s, which));

@@ -14,9 +14,10 @@ from importlib.resources import files
 
 import numpy as np
 
+from vitruvian.body.contours import Contours
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Floats
-from vitruvian.deform.contours import Program, program, slabs
+from vitruvian.deform.contours import ROUND, Program, program, retwisted, slabs
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.live_parts import Soft, levels, parted, smooth_normals
 from vitruvian.hanim.build import scene_of
@@ -113,7 +114,8 @@ class _Writer:
     def __init__(self, scene: Scene, body: Body, soft: Soft, pointers: str, schemes: tuple[str, ...]):
         self.scene, self.body, self.soft, self.pointers, self.schemes = scene, body, soft, pointers, schemes
         self.native = scene.encoding != "wrl"
-        self.program = program(body, body.contours)
+        self.seen = retwisted(body.contours)
+        self.program = program(body, [*body.contours, *self.seen])
         self.levels = levels(body, body.contours)
         self.needed = _needed(body, self.program, soft)
         self.names = [body.skeleton.names[j] for j in self.needed]
@@ -272,11 +274,12 @@ class _Writer:
         place = {j: i for i, j in enumerate(self.needed)}
         renumber = np.array([place.get(j, -1) for j in range(len(skeleton))] + [-1], np.int32)
         rest = np.concatenate([body.skin.rest[s.vertices].reshape(-1, 3) for s in surfaces])
-        need = [renumber[n] for n in _needs(body, p, surfaces, soft)]
+        need = [renumber[n] for n in _needs(body, p, surfaces, self.seen, soft)]
         slab = slabs(body, surfaces)
         faces = [t.reshape(-1) for level in self.levels for t in level]
         ends = lambda arrays: np.cumsum([0, *map(len, arrays)])  # noqa: E731
         neck = [int(s.name.startswith(_NECK)) for s in surfaces]
+        names = [s.name for s in surfaces]
         rows = soft.influences
         return [
             ("MFInt32", "parent", renumber[skeleton.parents[self.needed]]),
@@ -310,6 +313,9 @@ class _Writer:
             ("MFInt32", "softJoint", renumber[np.where(rows.joint < len(skeleton), rows.joint, -1)]),
             ("MFFloat", "softWeight", rows.weight),
             ("MFInt32", "softEnd", soft.end),
+            ("MFInt32", "tied", soft.tied),
+            ("MFInt32", "seenSurface", np.array([names.index(s.name) for s in self.seen])),
+            ("MFFloat", "round", np.array([ROUND])),
             ("MFInt32", "facesRow", ends(faces)),
             ("MFInt32", "faces", np.concatenate(faces)),
             ("MFFloat", "points", np.concatenate([rest, soft.rest]).ravel()),
@@ -405,22 +411,25 @@ def _needed(body: Body, p: Program, soft: Soft) -> list[int]:
     return sorted(wanted)
 
 
-def _needs(body: Body, p: Program, surfaces: list, soft: Soft) -> list[np.ndarray]:
+def _needs(body: Body, p: Program, surfaces: list[Contours], seen: list[Contours], soft: Soft) -> list[np.ndarray]:
     """For each part the joints whose rotation changes its points, seen from the joint that it hangs on."""
-    first, out = 0, []
-    for s in surfaces:
-        some = slice(first, first + len(s))
-        steps = p.step[p.row[first] : p.row[first + len(s)]]
-        used = {*p.base[some].tolist(), *p.frame[some].tolist(), *p.link[steps].ravel().tolist()}
-        used |= set(p.link[p.mitre_link[some]].ravel().tolist()) | set(p.link[p.bulge_link[some]].ravel().tolist())
-        out.append(_between(body, used))
+    first, out, each = 0, [], []
+    for s in [*surfaces, *seen]:
+        for k in range(first, first + len(s)):
+            steps = p.step[p.row[k] : p.row[k + 1]]
+            links = [*steps.tolist(), p.mitre_link[k], p.bulge_link[k]]
+            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist()})
         first += len(s)
+        out.append(_between(body, set.union(*each[first - len(s) :])))
+    del out[len(surfaces) :]
+    turned = {s.joint: each[len(each) - len(seen) + n] for n, s in enumerate(seen)}
     rows = soft.influences
+    root = int(np.flatnonzero(body.skeleton.parents < 0)[0])
     start = 0
     for end in soft.end.tolist():
-        used = set(rows.joint[rows.row[start] : rows.row[end]].tolist())
-        root = int(np.flatnonzero(body.skeleton.parents < 0)[0])
-        out.append(_between(body, {j if j < len(body.skeleton) else -1 for j in used} | {root}))
+        used = {j if j < len(body.skeleton) else -1 for j in rows.joint[rows.row[start] : rows.row[end]].tolist()}
+        tied = [each[k] for k in np.unique(soft.tied[start:end]).tolist() if k >= 0]
+        out.append(_between(body, used.union({root}, *tied, *(turned[j] for j in used if j in turned))))
         start = end
     return out
 

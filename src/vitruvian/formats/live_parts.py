@@ -10,6 +10,7 @@ import numpy as np
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.bind import Influences, bind
+from vitruvian.deform.contours import retwisted
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Humanoid, Segment, Shape
 from vitruvian.hanim.normals import corner_normals
@@ -24,7 +25,7 @@ class Soft:
 
     `vertices` (n,) numbers of skin points, `rest`, `normals` (n,3) in humanoid space; `influences` of n points, by
     joints of the body; `end` (s,) where each shape ends, `names` its shapes; `far` (n,) whether a point follows a hand,
-    a foot or the head.
+    a foot or the head. `tied` (n,): the contour that moves a point, counted through all surfaces, -1: its weights do.
     """
 
     vertices: Ints
@@ -34,6 +35,7 @@ class Soft:
     end: Ints
     names: tuple[str, ...]
     far: Ints
+    tied: Ints
 
 
 def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
@@ -51,6 +53,12 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
     single = np.full(len(rows), -1)
     alone = rows.counts == 1
     single[alone] = rows.joint[rows.row[:-1][alone]]
+    single[np.isin(single, [s.joint for s in retwisted(body.contours)])] = -1  # no Segment turns as they see it
+    contour, start = np.full(len(rows), -1), 0
+    for s in body.contours:
+        contour[s.tied[:, 0]] = start + s.tied[:, 1]
+        start += len(s)
+    single[contour >= 0] = -1
     single = single[:count]
     shapes = [s for s in humanoid.skin if s.points is None and len(s.triangles)]
     for shape in humanoid.skin:
@@ -79,10 +87,12 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
     row = np.concatenate([[0], np.cumsum(rows.counts[chosen])]).astype(np.int32)
     joint, weight = rows.joint[entry], rows.weight[entry]
     far = _extremities(body)[np.minimum(joint[row[:-1]], len(joints) - 1)] if len(chosen) else np.zeros(0, bool)
+    far &= contour[chosen] < 0
     soft = Soft(
         chosen.astype(np.int32),
         humanoid.skin_coord[chosen], normal[chosen], Influences(row, joint, weight, len(body.skeleton)),
         np.cumsum([len(t) for t in taken]).astype(np.int32), tuple(names), far.astype(np.int32),
+        contour[chosen].astype(np.int32),
     )  # fmt: skip
     return out.settled(), soft
 
@@ -148,7 +158,7 @@ def levels(body: Body, surfaces: Collection[Contours], count: int = LEVELS) -> l
     """Triangles (t,3) of each surface at each level of detail, as numbers of its own points; 0 is the finest.
 
     A level keeps every second contour and point of the one before, and always seams and the ends of ramps. Where two
-    surfaces share a loop, both keep the same of its points, so that no level opens a seam.
+    surfaces share a loop, both keep the same of its points, so that no level opens a seam; where skin is sewn on, all.
     """
     out = [[grid(_numbers(s), s.closed) for s in surfaces]]
     for level in range(1, count):
@@ -164,6 +174,7 @@ def _coarse(body: Body, surfaces: list[Contours], step: int) -> list[Ints]:
     for s, key in zip(surfaces, keys, strict=True):
         keep = np.zeros(s.vertices.shape, bool)
         keep[:, _every(s.vertices.shape[1], step, s.closed)] = True
+        keep[np.unique(s.tied[:, 1])] = True
         kept.append(keep)
         edge = keep.copy()
         edge[1:-1] = False

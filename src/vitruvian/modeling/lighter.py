@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vitruvian.body.pack import pack
 from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid, Joint, Material, Shape
@@ -17,6 +18,7 @@ from vitruvian.motion.names import joint_index
 
 _SMALL = 0.12  # an influence below this part of the largest is left to the others
 _LEAST = 12  # triangles that every shape keeps
+_FAR = 10.0  # metres: how far skirts hang from seams while a surface is reduced; their weight holds the seam
 _INSIDE = ("teeth", "tongue")  # what a shut mouth hides
 _STIFF = ("hair", "brows", "lashes", "eyes")
 _CARD = 64  # loose pieces of a surface under so many triangles are dropped whole, the smallest first
@@ -25,7 +27,8 @@ _ENDS = ("l_radiocarpal", "r_radiocarpal", "l_talocrural", "r_talocrural")
 
 
 def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Humanoid:
-    """A copy whose skin has about `points` points in one shape; contour surfaces stay as they are.
+    """A copy whose skin has about `points` points in one shape; contour surfaces, and what is sewn to them, stay as they
+    are.
 
     Skin points are metres in humanoid space, in `skin_coord`. Small influences are dropped; hair, brows, lashes and eyes
     follow one joint each, and without `fingers` hands and feet follow the wrists and ankles, so that most of the skin is
@@ -38,13 +41,14 @@ def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Huma
     out = humanoid.copied()
     if not shapes:
         return out
+    sewn = np.concatenate([np.zeros(0, np.int32), *(s.tied[:, 0] for s in pack(humanoid).contours)])
     joints = out.joints()
     table = _weights(humanoid, joints, fingers)
     share = np.array([_importance(humanoid.skin_coord, s) for s in shapes])
     budgets = 2 * points * share / share.sum()
     whole = sum(len(np.unique(s.triangles)) for s in shapes) <= points
     made = [
-        _reduced(humanoid.skin_coord, s, len(s.triangles) if whole else int(budget))
+        _reduced(humanoid.skin_coord, s, len(s.triangles) if whole else int(budget), sewn)
         for s, budget in zip(shapes, budgets, strict=True)
     ]
     first = np.cumsum([0, *(len(place) for place, _, _ in made)])
@@ -112,21 +116,77 @@ def _importance(points: Floats, shape: Shape) -> float:
     return float(np.sqrt(area * len(shape.triangles))) * _SEEN.get(shape.name, 1.0)
 
 
-def _reduced(points: Floats, shape: Shape, budget: int) -> tuple[Floats, Ints, Ints]:
-    """Points (n,3), triangles (t,3) and (n,) the skin point that each grew out of."""
+def _reduced(points: Floats, shape: Shape, budget: int, sewn: Ints) -> tuple[Floats, Ints, Ints]:
+    """Points (n,3), triangles (t,3) and (n,) the skin point that each grew out of; points that are `sewn` stay."""
     import igl
 
-    used, local = np.unique(shape.triangles, return_inverse=True)
-    _, first, same = np.unique(np.round(points[used], 6), axis=0, return_index=True, return_inverse=True)
-    triangles = same.reshape(-1)[local.reshape(-1, 3)].astype(np.int32)
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    used, first, triangles = _welded(points, shape.triangles, 6)
+    if _crossed(triangles).any():  # what only lies close was made one
+        used, first, triangles = _welded(points, shape.triangles, 15)
+        while (crossed := _crossed(triangles)).any():
+            triangles = triangles[~crossed]
     goal = max(_LEAST, min(budget, len(triangles)))
     triangles = _thinned(triangles, goal, len(first))
-    start = np.ascontiguousarray(points[used][first])
-    place, faces, _, born = igl.qslim(start, np.ascontiguousarray(triangles, np.int32), min(goal, len(triangles)))
+    held = np.isin(used[first], sewn)
+    order = np.argsort(~held, kind="stable")  # of two points that become one, the first stays
+    number = np.empty(len(order), np.int32)
+    number[order] = np.arange(len(order))
+    triangles, first, fixed = number[triangles], first[order], int(held.sum())
+    start = points[used][first]
+    hung, skirt = _skirts(start, triangles, fixed)
+    place, faces, _, born = igl.qslim(
+        np.concatenate([start, hung]), np.concatenate([triangles, skirt]).astype(np.int32),
+        min(goal, len(triangles)) + len(skirt),
+    )  # fmt: skip
+    faces = faces[(born[faces] < len(start)).all(axis=1)]
     kept = np.unique(faces)
-    return place[kept], np.searchsorted(kept, faces).astype(np.int32), used[first[born[kept]]]
+    born = born[kept]
+    return (
+        np.where((born < fixed)[:, None], start[born], place[kept]),
+        np.searchsorted(kept, faces).astype(np.int32),
+        used[first[born]],
+    )
+
+
+def _welded(points: Floats, triangles: Ints, digits: int) -> tuple[Ints, Ints, Ints]:
+    """Points in use, which of them stand for all that are equal to so many digits, and triangles of those."""
+    used, local = np.unique(triangles, return_inverse=True)
+    _, first, same = np.unique(np.round(points[used], digits), axis=0, return_index=True, return_inverse=True)
+    triangles = same.reshape(-1)[local.reshape(-1, 3)].astype(np.int32)
+    a, b, c = triangles.T
+    return used, first, triangles[(a != b) & (b != c) & (c != a)]
+
+
+def _edges(triangles: Ints) -> Ints:
+    """(3t,2) first edges of all triangles, then second, then third."""
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+
+
+def _crossed(triangles: Ints) -> np.ndarray:
+    """(t,) which triangles come third or later to an edge, or to its same side: no collapse can go on there."""
+    edges = _edges(triangles)
+    _, first = np.unique(edges, axis=0, return_index=True)
+    out = np.ones(len(edges), bool)
+    out[first] = False
+    return out.reshape(3, -1).any(axis=0)
+
+
+def _skirts(points: Floats, triangles: Ints, fixed: int) -> tuple[Floats, Ints]:
+    """Points and triangles that hang from rims between the first `fixed` points: planes so large, three or more at each
+    point, that it can be moved nowhere."""
+    edges = _edges(triangles)
+    count = len(points)
+    key = edges.astype(np.int64) @ np.array([count, 1])
+    back = edges[:, ::-1].astype(np.int64) @ np.array([count, 1])
+    rim = edges[~np.isin(key, back) & (edges < fixed).all(axis=1)]
+    if not len(rim):
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    ends, place = np.unique(rim, return_inverse=True)
+    a, b = rim.T
+    far_a, far_b = place.reshape(-1, 2).T + count
+    ways = np.random.default_rng(0).normal(size=(len(ends), 3))  # any, but no two alike
+    hung = points[ends] + _FAR * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return hung, np.concatenate([np.stack([b, a, far_a], 1), np.stack([b, far_a, far_b], 1)]).astype(np.int32)
 
 
 def _thinned(triangles: Ints, goal: int, points: int) -> Ints:
