@@ -21,8 +21,9 @@ from vitruvian.body.rotations import from_axis_angle
 from vitruvian.deform.contours import ContourOperator, Program
 from vitruvian.errors import VitruvianError
 from vitruvian.formats import registry
-from vitruvian.formats.live import CLOCK, SCRIPT, Live, live_scene
+from vitruvian.formats.live import CLOCK, SCRIPT, Live, _below, live_scene
 from vitruvian.formats.live_parts import levels
+from vitruvian.hanim.graph import Node, Proto
 from vitruvian.hanim.graph import Route as SceneRoute
 from vitruvian.modeling.lighter import lightened
 from vitruvian.motion.tracks import tracks_of
@@ -294,12 +295,48 @@ def test_a_lighter_skin_keeps_its_shape_and_its_weights(humanoid):
             was, now = end(whole.skin_coord[:, axis]), end(humanoid.skin_coord[:, axis])
             assert abs(was - now) < 0.01
     assert len(body.contours) == len(before.contours)
+    assert [len(s.tied) for s in body.contours] == [len(s.tied) for s in before.contours]  # seams stay, point by point
+    tied = np.concatenate([s.tied[:, 0] for s in body.contours])
+    assert len(open_edges(humanoid.skin[0].triangles, tied)) == len(tied) > 100  # with all edges between
     fine = lightened(whole, 800, fingers=True)
     bending = {j.name for j in fine.joints() if len(j.skin_coord_index)}
     assert "l_carpal_distal_interphalangeal_2" in bending
     assert not any("carpal_" in j.name and len(j.skin_coord_index) for j in humanoid.joints() if "radio" not in j.name)
     with pytest.raises(VitruvianError, match="at least 100"):
         lightened(whole, 50)
+
+
+def open_edges(triangles: np.ndarray, some: np.ndarray) -> set[tuple[int, int]]:
+    """Edges of one triangle alone, between some points."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    directed = {tuple(e) for e in edges[np.isin(edges, some).all(axis=1)].tolist()}
+    return {(a, b) for a, b in directed if (b, a) not in directed}
+
+
+def test_one_side_is_drawn_where_nothing_is_open_and_seams_share_normals(humanoid):
+    def sided(live: Live) -> bool:
+        proto = next(n for n in live.scene.body if isinstance(n, Proto) and n.name.startswith("DefBody"))
+        shown = [n for top in proto.body if isinstance(top, Node) for n in _below(top) if n.type == "Shape"]
+        return shown[0].children("geometry")[0].fields["solid"]
+
+    live = live_scene(humanoid)
+    assert sided(live) is True
+    body, soft = live.body, live.soft
+    assert (np.bincount(soft.tied[soft.tied >= 0]) > 5).sum() == sum(
+        len(np.unique(s.tied[:, 1])) for s in body.contours
+    )
+    shown = {s.name: node for s in body.contours for node in live.scene.walk() if node.fields.get("name") == s.name}
+    first = 0
+    for s in body.contours:
+        normals = np.asarray(shown[s.name].fields["Normals"]).reshape(*s.vertices.shape, 3)
+        for k in np.unique(s.tied[:, 1]):
+            for v in np.flatnonzero(soft.tied == first + k):
+                point = np.flatnonzero((body.skin.rest[s.vertices[k]] == soft.rest[v]).all(axis=1))
+                assert len(point) and np.allclose(normals[k, point[0]], soft.normals[v], atol=1e-6)
+        first += len(s)
+    bare = humanoid.copied()
+    bare.skin = []  # without what they are sewn to, contours are seen from inside
+    assert sided(live_scene(bare)) is False
 
 
 def test_what_is_asked_wrongly_is_refused(humanoid):

@@ -136,7 +136,7 @@ class _Writer:
     def write(self) -> None:
         prefix = "hanim_"
         self._prototypes()
-        normals = smooth_normals(self.body, self.body.contours)
+        normals = smooth_normals(self.body)[np.concatenate([s.vertices.ravel() for s in self.body.contours])]
         first = 0
         for surface, triangles in zip(self.body.contours, self.levels[0], strict=True):
             fields = self.surfaces[surface.name].fields
@@ -231,12 +231,25 @@ class _Writer:
             geometry = shown.children("geometry")[0]
             inner = "index" if self.native else "coordIndex"
             geometry.connects = [(inner, faces), (f"set_{inner}", self._index)]
-            geometry.fields = {"solid": False, **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)}}
+            geometry.fields = {
+                "solid": self._closed(),
+                **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)},
+            }
             if self.native:
                 geometry.type = "IndexedTriangleSet"
             geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
             geometry.name = "faces"
             proto.body.append(self._tangents([_use(geometry)]))
+
+    def _closed(self) -> bool:
+        """Whether no contours can be seen from inside, as all their rims meet other points: drawing one side is enough."""
+        surfaces, rest = self.body.contours, self.body.skin.rest
+        rims = [s.vertices[[0, -1]].ravel() for s in surfaces]
+        rims += [s.vertices[:, [0, -1]].ravel() for s in surfaces if not s.closed]
+        edge = np.unique(np.concatenate(rims))
+        both = np.concatenate([edge, self.soft.vertices[self.soft.tied >= 0]])
+        _, same, times = np.unique(rest[both], axis=0, return_inverse=True, return_counts=True)
+        return bool((times[same.reshape(-1)[: len(edge)]] > 1).all())
 
     def _softened(self, name: str) -> Node:
         """The geometry of a shape that the script moves, as triangles with DEF names where it is sent to."""

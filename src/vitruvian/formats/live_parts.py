@@ -68,6 +68,8 @@ def parted(humanoid: Humanoid, body: Body) -> tuple[Humanoid, Soft]:
     if shapes:
         triangles = np.concatenate([s.triangles for s in shapes])
         normal = corner_normals(humanoid.skin_coord, triangles, np.full(len(triangles), np.pi))[0]
+        sewn = np.flatnonzero(contour[:count] >= 0)
+        normal[sewn] = smooth_normals(body)[sewn]
     taken: list[Ints] = []
     names = []
     for number, shape in enumerate(shapes):
@@ -131,16 +133,11 @@ def _extremities(body: Body) -> np.ndarray:
     return out
 
 
-def smooth_normals(body: Body, surfaces: Collection[Contours]) -> Floats:
-    """(n,3) of all points of the surfaces, one after the other; points that lie together share theirs."""
-    points = np.concatenate([body.skin.rest[s.vertices].reshape(-1, 3) for s in surfaces])
+def smooth_normals(body: Body) -> Floats:
+    """(V,3) of all points of the skin, contours and what is sewn to them as one; points that lie together share theirs."""
+    points, every = body.skin.rest, body.skin.triangles
     _, same = np.unique(np.round(points, 7), axis=0, return_inverse=True)
     same = same.reshape(-1)
-    first, triangles = 0, []
-    for s in surfaces:
-        triangles.append(grid(_numbers(s) + np.int32(first), s.closed))
-        first += s.vertices.size
-    every = np.concatenate(triangles)
     sums = np.zeros((same.max() + 1, 3))
     a, b, c = np.moveaxis(points[every], 1, 0)
     face = np.cross(b - a, c - a)

@@ -154,7 +154,7 @@ def _welded(points: Floats, triangles: Ints, digits: int) -> tuple[Ints, Ints, I
     _, first, same = np.unique(np.round(points[used], digits), axis=0, return_index=True, return_inverse=True)
     triangles = same.reshape(-1)[local.reshape(-1, 3)].astype(np.int32)
     a, b, c = triangles.T
-    return used, first, triangles[(a != b) & (b != c) & (c != a)]
+    return used, first.astype(np.int32), triangles[(a != b) & (b != c) & (c != a)]
 
 
 def _edges(triangles: Ints) -> Ints:
@@ -163,12 +163,12 @@ def _edges(triangles: Ints) -> Ints:
 
 
 def _crossed(triangles: Ints) -> np.ndarray:
-    """(t,) which triangles come third or later to an edge, or to its same side: no collapse can go on there."""
+    """(t,) which triangles come later to the side of an edge that another has: no collapse can go on there."""
     edges = _edges(triangles)
     _, first = np.unique(edges, axis=0, return_index=True)
     out = np.ones(len(edges), bool)
     out[first] = False
-    return out.reshape(3, -1).any(axis=0)
+    return np.logical_or.reduce(out.reshape(3, -1))
 
 
 def _skirts(points: Floats, triangles: Ints, fixed: int) -> tuple[Floats, Ints]:
