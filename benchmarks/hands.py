@@ -44,8 +44,11 @@ def part(body: Body, chosen: np.ndarray) -> Body:
         body.skin, rest=body.skin.rest[chosen], weights=some, triangles=corner[(corner >= 0).all(axis=1)],
         uv=None, uv_triangles=None, colors=None, parts=(), morphs=(),
     )  # fmt: skip
-    contours = tuple(replace(c, vertices=place_of[c.vertices]) for c in body.contours)
-    return replace(body, skin=skin, contours=contours)
+    contours = []
+    for c in body.contours:
+        tied = np.column_stack([place_of[c.tied[:, 0]], c.tied[:, 1]])
+        contours.append(replace(c, vertices=place_of[c.vertices], tied=tied[tied[:, 0] >= 0]))
+    return replace(body, skin=skin, contours=tuple(contours))
 
 
 def contour_body() -> Body:
