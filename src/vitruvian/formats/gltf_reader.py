@@ -28,33 +28,15 @@ from vitruvian.motion.types import Motion
 from vitruvian.stage.clip import Mesh
 
 
-def read_gltf(
-    path: str | os.PathLike[str], *, name: str | None = None, names: Names | None = None
-) -> Humanoid | Motion | Mesh:
+def read_all(path: str | os.PathLike[str], *, names: Names | None = None) -> list[Humanoid] | Motion | Mesh:
     """What a .glb, .gltf, .vrm or .vrma file holds.
 
-    A file with a skin, with nodes that a known rig names, or of our own writer is a `Humanoid` in its bind pose, metres,
-    facing +Z, its animations as tracks; `name` picks one of several. A file with animation but no surface is a
-    `Motion`. A file with surfaces only is one `Mesh` in metres.
+    A file with a skin, with nodes that a known rig names, or of our own writer is a list of `Humanoid`s in their bind
+    pose, metres, facing +Z, animations as tracks. A file with animation but no surface is a `Motion`. A file with
+    surfaces only is one `Mesh` in metres.
     names: {bone: H-Anim joint} or a JSON file with that, used before our own tables.
-    Raises `FileError` for whatever can't be read, `VitruvianError` for a name that no figure has.
+    Raises `FileError` for whatever can't be read.
     """
-    found = read_all(path, names=names)
-    if isinstance(found, Motion | Mesh):
-        return found
-    if name is None:
-        if len(found) > 1:
-            rest = ", ".join(h.name or "(no name)" for h in found[1:4])
-            warn(f"{path}: holds {len(found)} figures; {found[0].name or 'the first'} was taken, not {rest}")
-        return found[0]
-    for humanoid in found:
-        if humanoid.name == name:
-            return humanoid
-    raise VitruvianError(f"{path}: expected a humanoid named {name!r}, found {', '.join(h.name for h in found)}")
-
-
-def read_all(path: str | os.PathLike[str], *, names: Names | None = None) -> list[Humanoid] | Motion | Mesh:
-    """All figures of a file; without any, its animation or its surface."""
     own = own_names(names)
     file = GltfFile(path)
     try:

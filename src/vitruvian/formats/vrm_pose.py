@@ -32,7 +32,6 @@ _INSTEAD = {
     "upperChest": ("vt5", "vt7", "vt4", "vt3", "vt2", "vt1"), "neck": ("vc5", "vc3", "vc6", "vc7", "vc2", "vc1"),
     "leftToes": ("l_tarsometatarsal_2",), "rightToes": ("r_tarsometatarsal_2",),
 }  # fmt: skip
-_ABOVE = {"chest": "spine", "upperChest": "chest", "neck": "spine", "head": "spine"}
 LEAST_VOLUME = 0.1  # of a blend of joint matrices that is inverted
 STILL = np.radians(1.0)  # a joint turned less keeps its limits
 

@@ -17,8 +17,6 @@ from vitruvian.motion.names import joint_index
 from vitruvian.motion.turns import positions, world_rotations
 from vitruvian.motion.types import Motion
 
-FLAT = np.array([1.0, 0.0, 1.0])
-
 
 @dataclass(frozen=True, eq=False)
 class Leg:

@@ -14,7 +14,6 @@ import numpy as np
 from vitruvian.body.types import Ints, Skeleton
 from vitruvian.hanim.tables import canonical
 
-EXTREMITIES = ("fingers", "neck", "toes")
 _WRIST = re.compile(r"[lr]_radiocarpal")
 _TOE = re.compile(r"[lr]_(metatarsophalangeal|tarsal_\w*interphalangeal)_\d")
 _NECK = re.compile(r"vc[1-7]")
