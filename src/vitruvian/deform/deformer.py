@@ -27,15 +27,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.hands import Rounding
-from vitruvian.body.types import Body, Floats, require
+from vitruvian.body.types import Body, Floats, floats, require
 from vitruvian.deform.bind import bind
 from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.deform.hands import HandOperator
 from vitruvian.deform.hybrid import Hybrid, Painted
 from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
-from vitruvian.deform.normals import Incidence, incidence, mesh_normals, operator_normals
-from vitruvian.deform.operators import Linear, Operator, Rigid
+from vitruvian.deform.normals import (
+    Incidence,
+    hanim_normals,
+    incidence,
+    mesh_normals,
+    operator_normals,
+    surface_frames,
+)
+from vitruvian.deform.operators import Linear, Operator, Rigid, apply
 from vitruvian.deform.se3 import polar
 from vitruvian.deform.volume import Volume
 from vitruvian.errors import VitruvianError
@@ -205,24 +212,42 @@ class Deformer:
                 made.__dict__[kept] = self.__dict__[kept]
         return made
 
-    def frames(self, matrices: Floats, *, kind: str = "operator", out: Single | None = None) -> Single:
-        """The blended transforms A of all vertices, (F,V,3,4) float32; (V,3,4) for (J,4,4).
+    def frames(
+        self,
+        matrices: Floats,
+        morphs: Mapping[str, ArrayLike] | None = None,
+        *,
+        kind: str = "operator",
+        out: Single | None = None,
+    ) -> Single:
+        """A frame for each vertex, (F,V,3,4) float32; (V,3,4) for (J,4,4). `out` is filled and returned.
 
-        `kind` "operator": A itself. "orthonormal": the rotation nearest to A's 3x3, with the translation that keeps the
-        moved vertex where it is.
+        `kind` "operator": the blended transform A, which takes the rest position to the vertex as it is without
+        displacers. "orthonormal": the rotation nearest to A's 3x3, with the translation that takes the rest position to
+        the vertex. "surface": columns tangent, bitangent and normal of the deformed surface, right-handed, and the vertex
+        itself: what cloth is laid on. Its tangent is bound to the skin: see `normals.surface_frames`.
+        Vertices are those that this deformer answers for `matrices` and `morphs`.
         """
-        require(kind in ("operator", "orthonormal"), "kind", "'operator' or 'orthonormal'", repr(kind))
+        kinds = ("operator", "orthonormal", "surface")
+        require(kind in kinds, "kind", " or ".join(map(repr, kinds)), repr(kind))
         poses, single = self._frames(matrices)
         rest = self.body.skin.rest
         out = self._out(out, (len(poses), len(rest), 3, 4), single)
         target = out[None] if single else out
         self.operator.frames(poses, target)
-        if kind == "orthonormal":
-            linear = target[..., :3].astype(np.float64)
-            moved = np.einsum("fvab,vb->fva", linear, rest) + target[..., 3]
-            rotation = polar(linear)[0]
-            target[..., :3] = rotation
-            target[..., 3] = moved - np.einsum("fvab,vb->fva", rotation, rest)
+        if kind == "operator":
+            return out
+        if self.body.skin.morphs or morphs:
+            moved = self(poses, morphs)
+        else:
+            moved = np.stack([apply(frame, rest) for frame in target.astype(np.float64)])
+        if kind == "surface":
+            normals = self.normals(moved.astype(np.float32))
+            target[:] = surface_frames(target, moved, normals, self.rest_normals)
+            return out
+        rotation = polar(target[..., :3].astype(np.float64))[0]
+        target[..., :3] = rotation
+        target[..., 3] = moved - np.einsum("fvab,vb->fva", rotation, rest)
         return out
 
     def normals(self, vertices: Single) -> Single:
@@ -236,6 +261,18 @@ class Deformer:
     def operator_normals(self, matrices: Floats) -> Single:
         """Unit normals (F,V,3) from the transforms alone, ignoring how the weights vary; (V,3) for (J,4,4)."""
         return operator_normals(self.frames(matrices), self.rest_normals).astype(np.float32)
+
+    def hanim_normals(self, matrices: Floats, rest: ArrayLike | None = None) -> Single:
+        """Unit normals (F,V,3) as browsers move those of a file; (V,3) for (J,4,4): see `normals.hanim_normals`.
+
+        `rest` (V,3): the file's own, `Humanoid.skin_normal`; None: those of the mesh at rest.
+        Raises VitruvianError for shapes that do not fit and for joints scaled to nothing.
+        """
+        poses, single = self._frames(matrices)
+        given = self.rest_normals if rest is None else floats(rest, "rest", *self.body.skin.rest.shape)
+        names = self.body.skeleton.names
+        out = hanim_normals(bind(self.body.skin.weights, len(names)), poses, given, names).astype(np.float32)
+        return out[0] if single else out
 
     @cached_property
     def morphs(self) -> Morphs:

@@ -2,16 +2,20 @@
 
 Mesh normals: sums of face normals weighted by area over the welded mesh (points at the same rest position are one),
 gathered in a fixed order, so that copies get equal bits. Operator normals: cofactors of each vertex's own transform.
+H-Anim normals: blends of what each joint makes of the normal, as browsers move a file's skinNormal.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats, Ints
+from vitruvian.body.types import Floats, Ints, require
+from vitruvian.deform.bind import Influences
+from vitruvian.deform.twins import linear as linear_twin
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
@@ -63,6 +67,50 @@ def operator_normals(frames: NDArray, rest_normals: Floats) -> Floats:
     n = rest_normals
     carried = np.cross(c1, c2) * n[:, :1] + np.cross(c2, c0) * n[:, 1:2] + np.cross(c0, c1) * n[:, 2:]
     return normalized(carried)
+
+
+def hanim_normals(rows: Influences, matrices: Floats, rest_normals: Floats, names: Sequence[str]) -> Floats:
+    """(F,V,3): unit(n + sum w (N n - n)) for rest normals n (V,3) and N the inverse transpose of the 3x3 of each joint's
+    matrix (F,J,4,4). What is missing to a sum of one stays as it was at rest, as it does for points.
+
+    Source: ISO/IEC 19774-1, skinNormal: moved as skinCoord is, by the matrices that move normals.
+    Raises VitruvianError naming a joint that is scaled to nothing and moves something.
+    """
+    linear = matrices[..., :3, :3]
+    flat = np.abs(np.linalg.det(linear)) < 1e-12
+    used = np.unique(rows.joint)
+    bad = np.argwhere(flat[:, used])
+    require(not bad.size, "matrices", "joints that are not scaled to nothing", [names[used[j]] for _, j in bad[:1]])
+    turned = np.zeros((*matrices.shape[:2], 4, 4))
+    turned[..., 3, 3] = 1
+    turned[..., :3, :3] = np.linalg.inv(np.where(flat[..., None, None], np.eye(3), linear)).swapaxes(-1, -2)
+    return normalized(np.stack([np.einsum("vab,vb->va", linear_twin(rows, t)[..., :3], rest_normals) for t in turned]))
+
+
+def surface_frames(frames: NDArray, vertices: Single, normals: Single, rest_normals: Floats) -> Floats:
+    """(F,V,3,4): columns tangent, bitangent and normal of a surface, right-handed and of unit length, and the vertex.
+
+    The tangent is that at rest, `tangents` of the rest normals (V,3), carried by the operator's frames (F,V,3,4) and made
+    perpendicular to the normals (F,V,3) of the vertices (F,V,3). Where there is no area, or the tangent is carried into
+    the normal, frames take what the operator makes of the normal, and any tangent.
+    """
+    linear = frames[..., :3].astype(np.float64)
+    n = normals.astype(np.float64)
+    none = ~n.any(axis=-1, keepdims=True)
+    if none.any():
+        n = np.where(none, operator_normals(frames, rest_normals), n)
+        n = np.where(n.any(axis=-1, keepdims=True), n, [0.0, 1.0, 0.0])
+    t = normalized(np.einsum("fvab,vb->fva", linear, tangents(rest_normals)))
+    t -= np.sum(t * n, axis=-1, keepdims=True) * n
+    lost = np.linalg.norm(t, axis=-1, keepdims=True) < 1e-6
+    t = normalized(np.where(lost, tangents(n), t))
+    return np.stack([t, np.cross(n, t), n, vertices.astype(np.float64)], axis=-1)
+
+
+def tangents(normals: Floats) -> Floats:
+    """(...,3) unit and perpendicular to unit normals (...,3): the axis that lies least along each, made perpendicular."""
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
+    return normalized(axis - np.sum(axis * normals, axis=-1, keepdims=True) * normals)
 
 
 def normalized(vectors: Floats) -> Floats:
