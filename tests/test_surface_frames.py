@@ -1,4 +1,4 @@
-"""Per-vertex frames that cloth is laid on, and the three kinds of normals: against closed forms, finite differences, seams."""
+"""Per-vertex frames that cloth is laid on, and the kinds of normals: closed forms, finite differences, seams."""
 
 from dataclasses import replace
 
