@@ -44,7 +44,7 @@ from vitruvian.deform.normals import (
 )
 from vitruvian.deform.operators import Linear, Operator, Rigid, apply
 from vitruvian.deform.se3 import polar
-from vitruvian.deform.volume import Volume
+from vitruvian.deform.volume import Volume, sections
 from vitruvian.errors import VitruvianError
 
 Single = NDArray[np.float32]
@@ -117,6 +117,8 @@ def deformer(
         require(known >= set(off), "off", f"surfaces ({', '.join(sorted(known)[:8])}...)", sorted(set(off) - known))
         return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads, twist == "paper"))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
+    if name == "volume":
+        center, rows = sections(body, rows)
     memory = np.full((len(rows.chain[0]), 4), np.nan) if live and follow else None
     kind = "log" if name in ("hybrid", "volume") else name
     rigid = Rigid(kind, body, rows, steps, follow, threads, memory)
@@ -124,7 +126,7 @@ def deformer(
     if name == "hybrid":
         operator = Hybrid(rigid, tolerance, angle, fade)
     elif name == "volume":
-        operator = Volume(rigid)
+        operator = Volume(rigid, center)
     return Deformer(name, body, operator, () if memory is None else (memory,))
 
 

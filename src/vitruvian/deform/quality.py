@@ -384,15 +384,25 @@ def _region(body: Body, joint: int, tree: Tree) -> Region | None:
 
 
 def _end(skeleton: Skeleton, tree: Tree, joint: int, least: float) -> Floats | None:
-    """Where the bone of a joint ends: the next joint on the heaviest branch that is at least so far away."""
-    at = joint
-    while True:
+    """Where the bone of a joint ends: in the middle of its branches (wrist: between the fingers), by how much skin hangs
+    on each; where that is nearer than `least`, on the heaviest branch."""
+    below = np.flatnonzero(skeleton.parents == joint)
+    if not len(below):
+        return None
+    center, load = skeleton.centers[joint], tree.load[below] + 1e-9
+    ends = np.stack([_far(skeleton, tree, int(child), center, least) for child in below])
+    middle: Floats = load @ ends / load.sum()
+    return middle if np.linalg.norm(middle - center) >= least else ends[np.argmax(load)]
+
+
+def _far(skeleton: Skeleton, tree: Tree, at: int, center: Floats, least: float) -> Floats:
+    """The first joint, down the heaviest branch, that is at least so far from `center`; else its last joint."""
+    while np.linalg.norm(skeleton.centers[at] - center) < least:
         below = np.flatnonzero(skeleton.parents == at)
         if not len(below):
-            return None if at == joint else skeleton.centers[at]
+            break
         at = int(below[np.argmax(tree.load[below])])
-        if np.linalg.norm(skeleton.centers[at] - skeleton.centers[joint]) >= least:
-            return skeleton.centers[at]
+    return skeleton.centers[at]
 
 
 def _lay(rest: Floats, faces: Ints, region: Region) -> Sections:

@@ -2,9 +2,13 @@
 
 Blending rigid motions lets the outside of a bend bulge, because the sections on both sides of a joint swing about the
 joint as they turn. Here the rotation R of "log" is kept, and the section's centre c goes where the bone goes:
-p' = R (p - c) + sum v_i M_i c. The centre is the vertex's foot on the bones of its joints. v_i, which sum to one, are the
-squares of the weights times how far the centre lies on the bone of joint i. An influence divided between two joints that
-move alike carries less than before. Where no section is one limb's (shoulders) the result fades to "log".
+p' = R (p - c) + sum v_i M_i c. v_i, which sum to one, are the squares of the weights times how far the centre lies on the
+bone of joint i; the centre is the mean, by these, of the vertex's feet on the bones of its joints. An influence divided
+between two joints that move alike carries less than before. Where no section is one limb's (shoulders) the result fades
+to "log".
+
+Weights that differ round a section turn its sides differently, which presses it flat: on limbs that the skin closes round
+they are made even, see `sections`.
 
 Related: B. Le and J. Hodgins, "Real-time skeletal skinning with optimized centers of rotation" (2016), whose centres come
 from the weights alone.
@@ -14,14 +18,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Body, Floats, Ints
-from vitruvian.deform.bind import DUAL, Influences
+from vitruvian.deform.bind import DUAL, WIDTHS, Influences
 from vitruvian.deform.operators import Linear, Rigid, apply
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Single = NDArray[np.float32]
 SHARP = 2  # power of the weights that carry the centres: more follows the bone closer and loses more volume
@@ -30,33 +38,25 @@ SOFT = 0.6  # radii on each side of a joint over which centres change bones
 SQUARE, STRAIGHT = (0.0, 0.3), (0.34, 0.87)  # cosines between a bone and the next: see `_straightness`
 EDGE = 8.0  # how fast a joint counts with its weight
 BLUR = 6  # rounds in which neighbouring shares are averaged
-SMOOTH = 3  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
+SMOOTH = 2  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
+SPACING = 0.5  # radii between the stations at which the weights of a section are taken together
+STATIONS = 64  # at most, along a bone
+OPEN = (0.15, 0.3)  # lengths of the mean direction from a section's centre: closed round its bone, and not
+LIGHT = 1 / WIDTHS[-1]  # weights below this are left out where they are made even: no kernel has room for more
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Fits over `rigid`, a "log" operator bound to the same body."""
+    """Fits over `rigid`, a "log" operator; `center` (V,3) and its rows are those of `sections`."""
 
     rigid: Rigid
-
-    @cached_property
-    def center(self) -> Floats:
-        """(V,3) the centre of each vertex's section, at rest."""
-        body, rows = self.rigid.body, self.rigid.rows
-        feet = _feet(body, rows)
-        mean = rows.sum @ feet
-        return _averaged(mean, body, SMOOTH)
+    center: Floats
 
     @cached_property
     def share(self) -> Floats:
         """(V,) how much of this the vertex gets, the rest of "log": all where sections are clear, see `_straightness`."""
         body, rows = self.rigid.body, self.rigid.rows
-        straight = np.append(_straightness(body), 1.0)
-        above = _above(body, rows)
-        part = np.where(above >= 0, np.clip(EDGE * rows.weight * (1 - rows.weight), 0, 1), 0.0)
-        out = np.ones(len(rows))
-        np.multiply.at(out, rows.vertex, 1 - part * (1 - straight[rows.joint]))
-        return np.clip(_averaged(out[:, None], body, BLUR)[:, 0], 0, 1)
+        return _clear(body, rows, _straightness(body, square=True))
 
     @cached_property
     def turned(self) -> Rigid:
@@ -69,11 +69,10 @@ class Volume:
         """The centres on their bones."""
         rows = self.rigid.rows
         moving = rows.joint < rows.joints  # the influence that does not move is what linear weights lack to one
-        near = _membership(self.rigid.body, rows, self.center)
-        plain, sharp = np.where(moving, rows.weight, 0), np.where(moving, rows.weight**SHARP * (near + LEAST), 0)
+        sharp = np.where(moving, _carrying(self.rigid.body, rows, self.center), 0)
         add = lambda values: np.bincount(rows.vertex, values, minlength=len(rows))[rows.vertex]  # noqa: E731
         total = add(sharp)
-        weight = sharp * add(plain) / np.where(total > 0, total, 1)
+        weight = sharp * add(np.where(moving, rows.weight, 0)) / np.where(total > 0, total, 1)
         row = np.zeros(len(rows) + 1, np.int32)
         np.cumsum(np.bincount(rows.vertex[moving], minlength=len(rows)), out=row[1:])
         kept = Influences(row, rows.joint[moving], weight[moving], rows.joints)
@@ -115,6 +114,97 @@ class Volume:
         out = np.empty((len(matrices), len(self.center), 3), np.float32)
         operator.points(matrices, out)
         return out
+
+
+def sections(body: Body, rows: Influences) -> tuple[Floats, Influences]:
+    """The centre of each vertex's section at rest (V,3), and the influences that turn it.
+
+    Sections lie at stations along each bone that goes on to one other. There weights become means, by area, over all
+    vertices whose centres are near, as far as the skin closes round the bone and the limb goes straight on at its joints:
+    what is left keeps its own.
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    feet = _feet(body, rows)
+    carry = _carrying(body, rows, rows.sum @ feet)
+    total = np.bincount(rows.vertex, carry, minlength=len(rows))
+    mean = [np.bincount(rows.vertex, carry * feet[:, k], minlength=len(rows)) for k in range(3)]
+    center = _averaged(np.stack(mean, axis=1) / np.where(total > 0, total, 1)[:, None], body, SMOOTH)
+
+    count, joints = len(rows), rows.joints + 1
+    t, away = body.skin.triangles, body.skin.rest - center
+    corners = body.skin.rest[t]
+    size = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.bincount(t.ravel(), np.repeat(size, 3), minlength=count)
+    at = _stations(body, rows, center, np.linalg.norm(away, axis=1))
+    parts = (at.T @ area)[:, None]
+    over = lambda values: at @ ((at.T @ (values * area[:, None])) / np.where(parts > 0, parts, 1))  # noqa: E731
+    direction = np.linalg.norm(over(away / np.maximum(np.linalg.norm(away, axis=1), 1e-9)[:, None]), axis=1)
+    within = (at.sum(axis=1) > 0) & (over(np.ones((count, 1)))[:, 0] > 0)
+    closed = np.where(within, 1 - _smooth(direction, *OPEN), 0.0)
+    share = _averaged(closed[:, None], body, BLUR)[:, 0] * within * _clear(body, rows, _straightness(body))
+    if not share.any():
+        return center, rows
+
+    own = csr_array((rows.weight, rows.joint, rows.row), shape=(count, joints))
+    even = at @ (diags_array(1 / np.where(parts > 0, parts, 1)[:, 0]) @ (at.T @ (diags_array(area) @ own)))
+    mixed = (diags_array(share) @ even + diags_array(1 - share) @ own).tocoo()
+    vertex, joint, weight = mixed.row, mixed.col, mixed.data
+    touched = share[vertex] > 0
+    largest = np.zeros(count)
+    np.maximum.at(largest, vertex, weight)
+    keep = np.where(touched, weight >= np.minimum(LIGHT, largest[vertex]), weight > 0)
+    vertex, joint, weight, touched = vertex[keep], joint[keep], weight[keep], touched[keep]
+    whole = np.bincount(vertex, weight, minlength=count)[vertex]
+    weight = np.where(touched, weight / np.where(touched, whole, 1), weight)
+    order = np.lexsort((joint, -weight, vertex))
+    row = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=count))]).astype(np.int32)
+    return center, Influences(row, joint[order].astype(np.int32), weight[order], rows.joints)
+
+
+def _stations(body: Body, rows: Influences, center: Floats, radius: Floats) -> csr_array:
+    """(V,S) sparse: how much each vertex belongs to the two stations along its bone next to its centre; its bone is the
+    one that its centre lies on most. No station where that does not go on to just one other."""
+    from scipy.sparse import csr_array
+
+    skeleton, count = body.skeleton, len(rows)
+    order = np.lexsort((rows.weight, _membership(body, rows, center), rows.vertex))
+    bone = np.full(count, len(skeleton))
+    bone[rows.vertex[order]] = rows.joint[order]  # the last of each vertex stays
+    stations = len(skeleton)  # a joint is where one bone ends and the next begins
+    vertices, places, parts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    for j in range(len(skeleton)):
+        mine, below = np.flatnonzero(bone == j), np.flatnonzero(skeleton.parents == j)
+        if not len(mine) or len(below) != 1:
+            continue
+        way = skeleton.centers[below[0]] - skeleton.centers[j]
+        length = float(np.linalg.norm(way))
+        if length < 1e-6:
+            continue
+        steps = int(np.clip(round(length / max(SPACING * float(radius[mine].mean()), 1e-6)), 1, STATIONS))
+        along = np.clip((center[mine] - skeleton.centers[j]) @ way / length**2, 0, 1) * steps
+        before = np.minimum(along.astype(np.int64), steps - 1)
+        known = np.concatenate([[j], stations + np.arange(steps - 1), below])
+        stations += steps - 1
+        vertices += [mine, mine]
+        places += [known[before], known[before + 1]]
+        parts += [1 - (along - before), along - before]
+    shape = (count, stations)
+    return csr_array((np.concatenate(parts), (np.concatenate(vertices), np.concatenate(places))), shape=shape)
+
+
+def _clear(body: Body, rows: Influences, straight: Floats) -> Floats:
+    """(V,) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J,) of joints."""
+    straight = np.append(straight, 1.0)
+    part = np.where(_above(body, rows) >= 0, np.clip(EDGE * rows.weight * (1 - rows.weight), 0, 1), 0.0)
+    out = np.ones(len(rows))
+    np.multiply.at(out, rows.vertex, 1 - part * (1 - straight[rows.joint]))
+    return np.clip(_averaged(out[:, None], body, BLUR)[:, 0], 0, 1)
+
+
+def _carrying(body: Body, rows: Influences, center: Floats) -> Floats:
+    """(n,) how much each influence carries of the centre of its vertex, which is there; not yet of sum one."""
+    return rows.weight**SHARP * (_membership(body, rows, center) + LEAST)
 
 
 def _membership(body: Body, rows: Influences, center: Floats) -> Floats:
@@ -165,21 +255,22 @@ def _above(body: Body, rows: Influences) -> NDArray[np.int64]:
     return above
 
 
-def _straightness(body: Body) -> Floats:
-    """(J,) how clear the sections round a joint are: 1 where the limb goes straight on at rest (elbow, knee, finger), and
-    where it goes off square (hip); less in between (shoulder), where it lies along what it hangs on."""
+def _straightness(body: Body, square: bool = False) -> Floats:
+    """(J,) how straight the limb goes on at a joint at rest, 0..1: elbow, knee, finger. With `square` also how square it
+    goes off (hip): there sections are clear too, but not in between (shoulder), where it lies along what it hangs on."""
     centers, parents = body.skeleton.centers, body.skeleton.parents
     out = np.ones(len(parents))
     for j, parent in enumerate(parents):
         into = unit(centers[j] - centers[parent]) if parent >= 0 else np.zeros(3)
         bones = [float(unit(centers[k] - centers[j]) @ into) for k in np.flatnonzero(parents == j)]
         if parent >= 0 and bones:
-            out[j] = max(_smooth(max(bones), *STRAIGHT), 1 - _smooth(max(bones), *SQUARE))
+            most = np.array(max(bones))
+            out[j] = max(_smooth(most, *STRAIGHT), 1 - _smooth(most, *SQUARE) if square else 0)
     return out
 
 
-def _smooth(x: float, low: float, high: float) -> float:
-    t = min(max((x - low) / (high - low), 0.0), 1.0)
+def _smooth(x: Floats, low: float, high: float) -> Floats:
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return t * t * (3 - 2 * t)
 
 

@@ -66,14 +66,18 @@ export function regionOf(skin, j, tree) {
   return { line, reach, limb, inside, distance: (points, pose) => distances(points, pose ? moved(line, pose, parent, j) : line) };
 }
 
-/** Where the bone of a joint ends: the next joint on the heaviest branch that is at least so far away. */
+/** Where the bone of a joint ends: in the middle of its branches by how much skin hangs on each, if that is far enough. */
 function endOf({ parents, centers }, { load }, j, least) {
-  for (let at = j; ;) {
-    const below = [...parents.keys()].filter((i) => parents[i] === at), center = (i) => [...centers.subarray(3 * i, 3 * i + 3)];
-    if (!below.length) return at === j ? null : center(at);
-    at = below.reduce((best, i) => (load[i] > load[best] ? i : best), below[0]);
-    if (Math.hypot(...sub(center(at), center(j))) >= least) return center(at);
-  }
+  const under = (j) => [...parents.keys()].filter((i) => parents[i] === j), center = (i) => [...centers.subarray(3 * i, 3 * i + 3)];
+  const heaviest = (list) => list.reduce((best, i) => (load[i] > load[best] ? i : best), list[0]), away = (p) => Math.hypot(...sub(p, center(j)));
+  const far = (at) => {
+    for (let below = under(at); away(center(at)) < least && below.length; below = under(at)) at = heaviest(below);
+    return center(at);
+  };
+  const below = under(j), middle = [0, 0, 0], total = below.reduce((sum, i) => sum + load[i] + 1e-9, 0);
+  if (!below.length) return null;
+  for (const i of below) far(i).forEach((x, c) => { middle[c] += ((load[i] + 1e-9) / total) * x; });
+  return away(middle) >= least ? middle : far(heaviest(below));
 }
 
 function moved({ joint, back, on }, pose, parent, j) {
