@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.sparse import csr_array
 from typer.testing import CliRunner
 
 import skins
 from small_body import figure
+from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin, Weights
 from vitruvian.cli import app
@@ -76,6 +78,53 @@ def test_closed_forms_of_linear(degrees: float) -> None:
 def test_volume_operator_reaches_its_aim() -> None:
     found = measured("volume", BEND, 90).whole
     assert found.bulge <= 1.05 and found.thickness >= 0.95
+
+
+@pytest.fixture(scope="module")
+def person():
+    import vitruvian as vt
+
+    body = vt.pack(vt.person(outfit=None, hair=None))
+    return body, deformer("volume", body), deformer("log", body)
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis"),
+    [
+        ("l_elbow", (-1, 0, 0)),
+        ("r_elbow", (-1, 0, 0)),
+        ("l_radiocarpal", (0, 0, 1)),
+        ("r_radiocarpal", (0, 0, -1)),
+        ("l_hip", (-1, 0, 0)),
+        ("r_hip", (-1, 0, 0)),
+        ("l_knee", (1, 0, 0)),
+        ("r_knee", (1, 0, 0)),
+    ],
+)
+def test_the_aim_of_bulge_control_on_the_person(person, joint, axis) -> None:
+    """At 90 degrees, where "log" bulges by a fifth and more."""
+    body, volume, log = person
+    rotation = body.skeleton.rotation.copy()
+    rotation[body.skeleton.index[joint]] = from_axis_angle(np.array([*axis, np.pi / 2]))
+    matrices = joint_matrices(replace(body.skeleton, rotation=rotation))[0]
+    gauge = Gauge(body, (joint,))
+    found, before = (gauge.measure(d(matrices), matrices).joints[joint] for d in (volume, log))
+    assert found.thickness >= 0.95 and found.bulge <= 1.05 and found.area >= 0.94
+    assert before.bulge > 1.15
+
+
+def test_even_sections_leave_alone_what_is_not_one_limb(person) -> None:
+    """Weights change round elbow and knee, and hardly on trunk and head."""
+    body, volume, log = person
+    given, made = log.operator.rows, volume.operator.rigid.rows
+    dense = [csr_array((r.weight, r.joint, r.row), shape=(len(given), given.joints + 1)) for r in (given, made)]
+    changed = np.asarray(abs(dense[0] - dense[1]).sum(axis=1)).ravel() > 0.02
+    names = np.array(body.skeleton.names)
+    main = names[given.joint[given.row[:-1]]]
+    assert np.abs(np.asarray(dense[1].sum(axis=1)).ravel() - 1).max() < 1e-9
+    assert changed[np.isin(main, ["l_elbow", "r_knee"])].mean() > 0.1
+    part = {k: changed[np.char.startswith(main, k)].mean() for k in ("vl", "vt", "vc", "skull", "temporo")}
+    assert max(part.values()) < 0.01, part
 
 
 @pytest.mark.parametrize(("name", "limit"), [("linear", 90.0), ("log", np.degrees(2))])

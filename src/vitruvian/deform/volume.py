@@ -119,7 +119,7 @@ class Volume:
 def sections(body: Body, rows: Influences) -> tuple[Floats, Influences]:
     """The centre of each vertex's section at rest (V,3), and the influences that turn it.
 
-    Sections lie at stations along each bone that goes on to one other. There weights become means, by area, over all
+    Sections lie at stations along the bones of limbs. There weights become means, by area, over all
     vertices whose centres are near, as far as the skin closes round the bone and the limb goes straight on at its joints:
     what is left keeps its own.
     """
@@ -164,7 +164,8 @@ def sections(body: Body, rows: Influences) -> tuple[Floats, Influences]:
 
 def _stations(body: Body, rows: Influences, center: Floats, radius: Floats) -> csr_array:
     """(V,S) sparse: how much each vertex belongs to the two stations along its bone next to its centre; its bone is the
-    one that its centre lies on most. No station where that does not go on to just one other."""
+    one that its centre lies on most. No station where that does not go on to just one other, or is shorter than the section
+    is wide (vertebrae)."""
     from scipy.sparse import csr_array
 
     skeleton, count = body.skeleton, len(rows)
@@ -178,10 +179,10 @@ def _stations(body: Body, rows: Influences, center: Floats, radius: Floats) -> c
         if not len(mine) or len(below) != 1:
             continue
         way = skeleton.centers[below[0]] - skeleton.centers[j]
-        length = float(np.linalg.norm(way))
-        if length < 1e-6:
+        length, thick = float(np.linalg.norm(way)), float(radius[mine].mean())
+        if length <= thick:
             continue
-        steps = int(np.clip(round(length / max(SPACING * float(radius[mine].mean()), 1e-6)), 1, STATIONS))
+        steps = int(min(round(length / max(SPACING * thick, 1e-6)), STATIONS))
         along = np.clip((center[mine] - skeleton.centers[j]) @ way / length**2, 0, 1) * steps
         before = np.minimum(along.astype(np.int64), steps - 1)
         known = np.concatenate([[j], stations + np.arange(steps - 1), below])

@@ -9,43 +9,156 @@ const SOFT = 0.6; // radii on each side of a joint over which centres change bon
 const SQUARE = [0, 0.3], STRAIGHT = [0.34, 0.87]; // cosines between a bone and the next
 const EDGE = 8; // how fast a joint counts with its weight
 const BLUR = 6; // rounds in which neighbouring shares are averaged
-const SMOOTH = 3; // rounds in which neighbouring centres are averaged
+const SMOOTH = 2; // rounds in which neighbouring centres are averaged
+const SPACING = 0.5, STATIONS = 64; // radii between stations along a bone, and how many at most
+const OPEN = [0.15, 0.3]; // lengths of the mean direction from a section's centre: closed round its bone, and not
+const LIGHT = 1 / 64; // weights below this are left out where they are made even
 
 /** As `deform`: p' = R (p - c) + sum v_i M_i c, R the rotation of "log", c the centre of the vertex's section. */
 export function volume(skin, pose, weights, positions, normals) {
-  deform("log", skin, pose, weights, positions, normals);
-  const center = whole(skin, "center", 3, centers), share = whole(skin, "share", 1, shares), carried = once(skin, "carried", () => carriers(skin, center));
+  const { even, center, share, carried } = skin.whole ? once(skin, "sections", () => part(skin, laid(skin.whole))) : laid(skin);
+  deform("log", even, pose, weights, positions, normals);
   const [turned, there, unused] = once(skin, "room", () => [0, 1, 2].map(() => new Float32Array(3 * skin.V)));
-  blend(skin, center, turned, unused, "log");
-  linear({ ...skin, ...carried }, center, there, unused);
+  blend(even, center, turned, unused, "log");
+  linear(carried, center, there, unused);
   for (let i = 0; i < positions.length; i++) positions[i] += share[Math.floor(i / 3)] * (there[i] - turned[i]);
 }
 
-/** What `make` works out about a whole skin, `size` numbers a vertex; of a part of it, those of its vertices. */
-function whole(skin, name, size, make) {
-  if (!skin.whole) return once(skin, name, () => make(skin));
-  const all = once(skin.whole, name, () => make(skin.whole));
-  return once(skin, name, () => {
-    const out = new all.constructor(size * skin.V);
-    skin.vertices.forEach((v, i) => out.set(all.subarray(size * v, size * v + size), size * i));
-    return out;
+/** What is worked out about a whole skin: it with even weights, centres (V*3), shares (V), it with weights that carry. */
+const laid = (skin) => once(skin, "sections", () => {
+  const { center, rows } = sections(skin), even = { ...skin, ...rows, over: new Float32Array(skin.V) };
+  return { even, center, share: Float32Array.from(clear(even, straightness(skin, true))), carried: { ...even, weight: carriers(even, center) } };
+});
+
+/** The same of those `vertices` of it that a part of the skin has. */
+function part(skin, all) {
+  const pick = (array, n) => { const out = new array.constructor(n * skin.V); skin.vertices.forEach((v, i) => out.set(array.subarray(n * v, n * v + n), n * i)); return out; };
+  const row = new Uint32Array(skin.V + 1), index = [];
+  skin.vertices.forEach((v, i) => {
+    for (let k = all.even.row[v]; k < all.even.row[v + 1]; k++) index.push(k);
+    row[i + 1] = index.length;
   });
+  const of = (array) => array.constructor.from(index, (k) => array[k]);
+  const even = { ...skin, row, joint: of(all.even.joint), weight: of(all.even.weight), over: new Float32Array(skin.V) };
+  return { even, center: pick(all.center, 3), share: pick(all.share, 1), carried: { ...even, weight: of(all.carried.weight) } };
 }
 
-/** Weights that carry the centres: squares times how far a centre lies on the joint's bone, with the sum of the moving. */
-function carriers(skin, center) {
-  const { V, J, row, joint, weight } = skin, out = new Float32Array(weight.length), near = membership(skin, center);
+/** The centre of each vertex's section (V*3), and the weights that turn it: even round limbs that the skin closes round. */
+function sections(given) {
+  const { V, J, row, joint, rest, triangles } = given, weight = Float64Array.from(given.weight);
   for (let v = 0; v < V; v++) {
-    const first = row[v], last = row[v + 1];
-    let total = 0, plain = 0, sharp = 0;
-    for (let k = first; k < last; k++) total += weight[k];
-    for (let k = first; k < last; k++) if (joint[k] < J) {
-      plain += weight[k] / total;
-      sharp += out[k] = (weight[k] / total) ** 2 * (near[k] + LEAST);
-    }
-    for (let k = first; k < last; k++) out[k] = joint[k] < J ? (out[k] * plain) / (sharp || 1) : weight[k] / total;
+    let total = 0;
+    for (let k = row[v]; k < row[v + 1]; k++) total += weight[k];
+    for (let k = row[v]; k < row[v + 1]; k++) weight[k] /= total || 1;
   }
-  return { weight: out, over: new Float32Array(V) };
+  const skin = { ...given, weight }, feet = footing(skin), center = averaged(given, means(skin, carrying(skin, means(skin, weight, feet)), feet), 3, SMOOTH);
+  const away = new Float64Array(3 * V), radius = new Float64Array(V), area = new Float64Array(V);
+  for (let v = 0; v < V; v++) {
+    for (let c = 3 * v; c < 3 * v + 3; c++) away[c] = rest[c] - center[c];
+    radius[v] = Math.hypot(away[3 * v], away[3 * v + 1], away[3 * v + 2]);
+  }
+  for (let k = 0; k < triangles.length; k += 3) {
+    const [a, b, c] = [0, 1, 2].map((i) => at(rest, triangles[k + i])), u = minus(b, a), w = minus(c, a);
+    const size = Math.hypot(u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]);
+    for (let i = 0; i < 3; i++) area[triangles[k + i]] += size;
+  }
+  const { place, share: between } = stations(skin, center, radius), sums = new Map(); // by station: area, direction, weights
+  const each = (v, f) => { if (place[2 * v] >= 0) for (let s = 0; s < 2; s++) if (between[2 * v + s] > 0) f(sums.get(place[2 * v + s]), between[2 * v + s], place[2 * v + s]); };
+  for (let v = 0; v < V; v++) each(v, (sum, b, s) => {
+    if (!sum) sums.set(s, (sum = { area: 0, way: [0, 0, 0], weight: new Float64Array(J + 1) }));
+    sum.area += b * area[v];
+    for (let c = 0; c < 3; c++) sum.way[c] += (b * area[v] * away[3 * v + c]) / Math.max(radius[v], 1e-9);
+    for (let k = row[v]; k < row[v + 1]; k++) sum.weight[joint[k]] += b * area[v] * weight[k];
+  });
+  const closed = new Float64Array(V), within = new Uint8Array(V);
+  for (let v = 0; v < V; v++) {
+    const way = [0, 0, 0];
+    each(v, (sum, b) => { if (sum.area > 0) { within[v] = 1; for (let c = 0; c < 3; c++) way[c] += (b * sum.way[c]) / sum.area; } });
+    closed[v] = within[v] ? 1 - smooth(Math.hypot(...way), ...OPEN) : 0;
+  }
+  const closes = averaged(given, closed, 1, BLUR), straight = clear(skin, straightness(given, false));
+  const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1);
+  for (let v = 0; v < V; v++) {
+    const share = closes[v] * within[v] * straight[v];
+    let list = [];
+    for (let k = row[v]; k < row[v + 1]; k++) list.push([joint[k], weight[k]]);
+    if (share > 0) {
+      even.fill(0);
+      each(v, (sum, b) => { if (sum.area > 0) for (let j = 0; j <= J; j++) even[j] += (share * b * sum.weight[j]) / sum.area; });
+      for (const [j, w] of list) even[j] += (1 - share) * w;
+      const least = Math.min(LIGHT, even.reduce((a, b) => Math.max(a, b), 0));
+      list = [];
+      let total = 0;
+      for (let j = 0; j <= J; j++) if (even[j] > 0 && even[j] >= least) { list.push([j, even[j]]); total += even[j]; }
+      list = list.map(([j, w]) => [j, w / total]);
+    }
+    list.sort((a, b) => b[1] - a[1] || a[0] - b[0]);
+    for (const [j, w] of list) { joints.push(j); weights.push(w); }
+    rows[v + 1] = joints.length;
+  }
+  return { center, rows: { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) } };
+}
+
+/** The two stations (V*2, -1 for none) along its bone next to each vertex's centre, and how much it belongs to each. */
+function stations(skin, center, radius) {
+  const { V, J, row, joint, weight, centers, parents } = skin, near = membership(skin, center), bone = new Int32Array(V).fill(-1);
+  const place = new Int32Array(2 * V).fill(-1), share = new Float64Array(2 * V), mean = new Float64Array(J + 1), count = new Float64Array(J + 1);
+  for (let v = 0; v < V; v++) {
+    let best = -1;
+    for (let k = row[v]; k < row[v + 1]; k++) if (best < 0 || near[k] > near[best] || (near[k] === near[best] && weight[k] >= weight[best])) best = k;
+    if (best < 0) continue;
+    bone[v] = joint[best];
+    mean[bone[v]] += radius[v];
+    count[bone[v]]++;
+  }
+  let free = J;
+  const bones = Array.from({ length: J }, (_, j) => {
+    const below = [...parents.keys()].filter((i) => parents[i] === j);
+    if (below.length !== 1 || !count[j]) return null;
+    const way = minus(at(centers, below[0]), at(centers, j)), size = dot(way, way), thick = mean[j] / count[j];
+    if (Math.sqrt(size) <= thick) return null; // shorter than the section is wide: vertebrae
+    const steps = Math.min(STATIONS, Math.round(Math.sqrt(size) / Math.max(SPACING * thick, 1e-6))), first = free;
+    free += steps - 1;
+    return { way, size, steps, known: (i) => (i === 0 ? j : i === steps ? below[0] : first + i - 1) };
+  });
+  for (let v = 0; v < V; v++) {
+    const b = bone[v] >= 0 && bone[v] < J ? bones[bone[v]] : null;
+    if (!b) continue;
+    const along = Math.min(1, Math.max(0, dot(minus(at(center, v), at(centers, bone[v])), b.way) / b.size)) * b.steps, before = Math.min(Math.floor(along), b.steps - 1);
+    place[2 * v] = b.known(before);
+    place[2 * v + 1] = b.known(before + 1);
+    share[2 * v] = 1 - (along - before);
+    share[2 * v + 1] = along - before;
+  }
+  return { place, share };
+}
+
+/** (n) how much each influence carries of the centre of its vertex, which is there; not yet of sum one. */
+function carrying(skin, center) {
+  const near = membership(skin, center);
+  return Float64Array.from(skin.weight, (w, k) => w ** 2 * (near[k] + LEAST));
+}
+
+/** (V*3) means of the feet (n*3) of each vertex by `share` (n). */
+function means({ V, row }, share, feet) {
+  const out = new Float64Array(3 * V);
+  for (let v = 0; v < V; v++) {
+    let total = 0;
+    for (let k = row[v]; k < row[v + 1]; k++) total += share[k];
+    for (let k = row[v]; k < row[v + 1]; k++) for (let c = 0; c < 3; c++) out[3 * v + c] += (share[k] / (total || 1)) * feet[3 * k + c];
+  }
+  return out;
+}
+
+/** (n) weights that carry the centres, with the sum of the weights that move. */
+function carriers(skin, center) {
+  const { V, J, row, joint, weight } = skin, out = Float32Array.from(weight), carry = carrying(skin, center);
+  for (let v = 0; v < V; v++) {
+    let plain = 0, sharp = 0;
+    for (let k = row[v]; k < row[v + 1]; k++) if (joint[k] < J) { plain += weight[k]; sharp += carry[k]; }
+    for (let k = row[v]; k < row[v + 1]; k++) if (joint[k] < J) out[k] = (carry[k] * plain) / (sharp || 1);
+  }
+  return out;
 }
 
 /** (n) for each influence how far the centre of its vertex lies past its joint and before the next ones, 0..1. */
@@ -85,26 +198,23 @@ function aboves({ V, J, row, joint, parents }) {
   return out;
 }
 
-/** (V) how much of this each vertex gets, the rest of "log": all where sections are clear. */
-function shares(skin) {
-  const { V, J, row, joint, weight, centers, parents } = skin, straight = straightness(centers, parents), above = aboves(skin), out = new Float64Array(V);
+/** (V) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J) of joints. */
+function clear(skin, straight) {
+  const { V, J, row, joint, weight } = skin, above = aboves(skin), out = new Float64Array(V);
   for (let v = 0; v < V; v++) {
-    let total = 0;
     out[v] = 1;
-    for (let k = row[v]; k < row[v + 1]; k++) total += weight[k];
     for (let k = row[v]; k < row[v + 1]; k++) if (above[k] >= 0 && joint[k] < J) {
-      const w = weight[k] / total;
-      out[v] *= 1 - Math.min(1, Math.max(0, EDGE * w * (1 - w))) * (1 - straight[joint[k]]);
+      out[v] *= 1 - Math.min(1, Math.max(0, EDGE * weight[k] * (1 - weight[k]))) * (1 - straight[joint[k]]);
     }
   }
-  return Float32Array.from(averaged(skin, out, 1, BLUR), (s) => Math.min(1, Math.max(0, s)));
+  return averaged(skin, out, 1, BLUR).map((s) => Math.min(1, Math.max(0, s)));
 }
 
-/** (J) how clear the sections round a joint are: 1 where the limb goes straight on at rest or off square. */
-function straightness(centers, parents) {
+/** (J) how straight the limb goes on at a joint at rest; with `square` also how square it goes off. */
+function straightness({ centers, parents }, square) {
   const into = parents.map((p, j) => (p >= 0 ? unit(minus(at(centers, j), at(centers, p))) : [0, 0, 0])), most = parents.map(() => -Infinity);
   parents.forEach((p, j) => { if (p >= 0) most[p] = Math.max(most[p], dot(into[j], into[p])); });
-  return parents.map((p, j) => (p >= 0 && most[j] > -Infinity ? Math.max(smooth(most[j], ...STRAIGHT), 1 - smooth(most[j], ...SQUARE)) : 1));
+  return parents.map((p, j) => (p >= 0 && most[j] > -Infinity ? Math.max(smooth(most[j], ...STRAIGHT), square ? 1 - smooth(most[j], ...SQUARE) : 0) : 1));
 }
 
 function smooth(x, low, high) {
@@ -112,21 +222,16 @@ function smooth(x, low, high) {
   return t * t * (3 - 2 * t);
 }
 
-/** (V*3) the centre of each vertex's section at rest: its mean foot on the bones of its joints, smoothed. */
-function centers(skin) {
-  const { V, row, joint, weight, rest, parents } = skin, below = parents.map(() => []), out = new Float64Array(3 * V);
+/** (n*3) for each influence the point nearest to its vertex on the bones of its joint. */
+function footing(skin) {
+  const { V, row, joint, rest, parents } = skin, below = parents.map(() => []), out = new Float64Array(3 * joint.length);
   parents.forEach((p, j) => { if (p >= 0) below[p].push(j); });
   const middle = middles(skin);
   for (let v = 0; v < V; v++) {
-    let total = 0;
-    for (let k = row[v]; k < row[v + 1]; k++) total += weight[k];
     const p = rest.subarray(3 * v, 3 * v + 3);
-    for (let k = row[v]; k < row[v + 1]; k++) {
-      const foot = joint[k] < skin.J ? footOf(skin, below, middle, joint[k], p) : p;
-      for (let c = 0; c < 3; c++) out[3 * v + c] += (weight[k] / total) * foot[c];
-    }
+    for (let k = row[v]; k < row[v + 1]; k++) out.set(joint[k] < skin.J ? footOf(skin, below, middle, joint[k], p) : p, 3 * k);
   }
-  return averaged(skin, out, 3, SMOOTH);
+  return out;
 }
 
 /** Sums and counts (J*4) of the vertices of joints without a parent: those without bones too go on towards their mean. */
