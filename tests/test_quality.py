@@ -124,7 +124,7 @@ def test_even_sections_leave_alone_what_is_not_one_limb(person) -> None:
     assert np.abs(np.asarray(dense[1].sum(axis=1)).ravel() - 1).max() < 1e-9
     assert changed[np.isin(main, ["l_elbow", "r_knee"])].mean() > 0.1
     part = {k: changed[np.char.startswith(main, k)].mean() for k in ("vl", "vt", "vc", "skull", "temporo")}
-    assert max(part.values()) < 0.01, part
+    assert max(part.values()) < 0.05, part
 
 
 @pytest.mark.parametrize(("name", "limit"), [("linear", 90.0), ("log", np.degrees(2))])

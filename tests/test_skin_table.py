@@ -5,7 +5,7 @@ import pytest
 
 import skins
 from vitruvian.deform import operators
-from vitruvian.deform.deformer import deformer
+from vitruvian.deform.deformer import WEIGHTED, deformer
 from vitruvian.native import kernels
 
 TWIST, BEND = (0, 0, 1), (1, 0, 0)
@@ -95,22 +95,46 @@ def test_smoothness_of_the_bend():
         assert sorted(found) == pytest.approx([outside, inside], rel=0.03)
 
 
-def test_steps_of_a_chain_past_180_degrees():
-    """120 and 240 degrees: 0 to 8 a ring, and the published operator runs backwards, -16 to 8."""
+def test_steps_and_volume_of_a_chain_past_180_degrees(monkeypatch):
+    """120 and 240 degrees: 0 to 8 a ring, and the published operator runs backwards, -16 to 8.
+
+    The notes' volumes, 0.9930 and 0.6231, are those of a coarser cylinder than the others', 41 rings of 24 points with
+    weights that are linear from z = -3 to 3: they fall with the points of a ring, as chords of twisted polygons do.
+    """
+    monkeypatch.setattr(skins, "RINGS", 41)
+    monkeypatch.setattr(skins, "POINTS", 24)
 
     def hats(z):
-        s = np.clip((z + 1.5) / 3, 0, 1) * 2
+        s = np.clip((z + 3) / 6, 0, 1) * 2
         return np.stack([np.clip(1 - s, 0, 1), 1 - np.abs(s - 1), np.clip(s - 1, 0, 1)], axis=1)
 
     body = skins.cylinder(hats, 3)
     motions = np.stack([skins.turned(TWIST, a)[1] for a in (0, 120, 240)])
-    volumes = {}
-    for name, low, high in (("log", 0, 8), ("log-pair", 0, 8), ("log-absolute", -16, 8), ("linear", None, None)):
+    rows = {
+        "log": (0, 8, 0.9930),
+        "log-pair": (0, 8, 0.9930),
+        "log-absolute": (-16, 8, None),
+        "linear": (0, None, 0.6231),
+    }
+    for name, (low, high, volume) in rows.items():
         points = deformer(name, body)(motions).astype(float)
-        volumes[name] = skins.volume(body, points) / skins.volume(body, body.skin.rest)
-        if low is not None:
-            line = points[: skins.RINGS * skins.POINTS : skins.POINTS, :2]
-            steps = np.degrees(np.diff(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))))
-            assert (steps.min(), steps.max()) == pytest.approx((low, high), abs=0.01)
-    assert volumes["log"] > 0.997
-    assert volumes["linear"] < 0.85
+        if volume is not None:
+            found = skins.volume(body, points) / skins.volume(body, body.skin.rest)
+            assert found == pytest.approx(volume, abs=5e-5), name
+        line = points[: skins.RINGS * skins.POINTS : skins.POINTS, :2]
+        steps = np.degrees(np.diff(np.unwrap(np.arctan2(line[:, 1], line[:, 0]))))
+        assert steps.sum() == pytest.approx(-120 if name == "log-absolute" else 240, abs=0.01)
+        assert steps.min() == pytest.approx(low, abs=0.01)
+        assert high is None or steps.max() == pytest.approx(high, abs=0.01)
+
+
+@pytest.mark.parametrize("name", [n for n in WEIGHTED if n != "log-absolute"])
+def test_the_step_over_180_degrees(name):
+    """From 179.9 to 180.1 degrees all but linear leap to the other side, unless they follow; then they go on."""
+    body = skins.cylinder(skins.halves)
+    d = deformer(name, body)
+    ends = np.stack([skins.turned(TWIST, a) for a in (179.9, 180.1)])
+    alone = np.stack([d(m) for m in ends]).astype(float)
+    leap = np.linalg.norm(np.diff(alone, axis=0), axis=-1).max()
+    assert leap == pytest.approx(0.0035 if name == "linear" else 2.0, abs=1e-4)
+    assert np.linalg.norm(np.diff(d(ends).astype(float), axis=0), axis=-1).max() == pytest.approx(0.0035, abs=1e-4)
