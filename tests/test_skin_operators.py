@@ -5,8 +5,8 @@ import pytest
 
 import skins
 from vitruvian import VitruvianError, VitruvianWarning
-from vitruvian.body.kinematics import transform_matrix
-from vitruvian.body.types import Morph, Skin, Weights
+from vitruvian.body.kinematics import pose_matrices, transform_matrix
+from vitruvian.body.types import Body, Morph, Skin, Weights
 from vitruvian.deform import normals, operators
 from vitruvian.deform.deformer import WEIGHTED, deformer
 from vitruvian.native import kernels
@@ -428,3 +428,27 @@ def test_a_body_without_skin():
     empty = Skin(np.zeros((0, 3)), np.zeros((0, 3)), Weights.from_pairs(0, [], [], []))
     for name in WEIGHTED:
         assert deformer(name, type(body)("bones", body.skeleton, empty))(np.eye(4)[None]).shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", ["log", "dual-quaternion", "log-pair", "hybrid", "volume"])
+def test_a_fist_closes_without_a_jump(name):
+    """Three joints of a chain turn by up to 70 degrees each: points between the first and the last pass half a turn
+    although no joint does, one frame at a time, and the same wherever one starts."""
+    rng = np.random.default_rng(4)
+    count, joints = 60, 4
+    rest = np.stack([rng.uniform(0.5, 3, count), rng.uniform(-0.3, 0.3, count), rng.uniform(-0.3, 0.3, count)], axis=1)
+    share = rng.dirichlet(np.ones(joints), count)
+    share[::3, 1:3] /= 4  # the first and the last above all
+    vertex, joint = np.nonzero(share)
+    weights = Weights.from_pairs(count, vertex, joint, share[vertex, joint] / share.sum(axis=1)[vertex])
+    centers = np.array([[k, 0.0, 0] for k in range(joints)])
+    finger = Body("finger", skins.skeleton(joints, centers), Skin(rest, np.zeros((0, 3)), weights))
+    d = deformer(name, finger)
+    angles = np.radians(np.arange(0, 71, 1.0))
+    turn = np.zeros((len(angles), joints, 4))
+    turn[:, :, 3] = 1
+    turn[:, 1:, 2], turn[:, 1:, 3] = np.sin(angles / 2)[:, None], np.cos(angles / 2)[:, None]
+    poses = pose_matrices(finger.skeleton, turn, np.zeros((len(angles), joints, 3)))
+    alone = np.stack([d(m) for m in poses]).astype(float)
+    assert np.linalg.norm(np.diff(alone, axis=0), axis=-1).max() < 0.15
+    assert np.abs(d(poses) - alone).max() < 1e-6

@@ -93,23 +93,22 @@ bool signs(const MotionJob& job, const double* m, double* q, double* now, const 
     double* still = q + 4 * job.joints;
     still[0] = still[1] = still[2] = 0;
     still[3] = 1;
-    bool close = before != nullptr, wound = false, agree = true;
+    bool wound = false, agree = true;
     for (int64_t e = 0; e < job.edges; ++e) {
         const double* a = q + 4 * int64_t(job.tree[2 * e]);
         double* b = q + 4 * int64_t(job.tree[2 * e + 1]);
-        if (dot(a, b) < 0) negate(b);
-        relative(a, b, now + 4 * e);
-        close = close && std::fabs(dot(now + 4 * e, before + 4 * e)) >= kNear;
-    }
-    for (int64_t e = 0; job.follow && e < job.edges; ++e) {
-        const double* a = q + 4 * int64_t(job.tree[2 * e]);
-        double* b = q + 4 * int64_t(job.tree[2 * e + 1]);
-        relative(a, b, now + 4 * e);
-        if (close && dot(now + 4 * e, before + 4 * e) < 0) {
-            negate(b);
-            negate(now + 4 * e);
+        double* turn = now + 4 * e;
+        relative(a, b, turn);
+        bool flip = turn[3] < 0;
+        if (before) {
+            const double same = dot(turn, before + 4 * e);
+            if (std::fabs(same) >= kNear) flip = same < 0;
         }
-        wound = wound || now[4 * e + 3] < 0;
+        if (flip) {
+            negate(b);
+            negate(turn);
+        }
+        wound = wound || turn[3] < 0;
     }
     for (int64_t p = 0; p < job.lefts && !wound; ++p)
         if (dot(q + 4 * int64_t(job.left[2 * p]), q + 4 * int64_t(job.left[2 * p + 1])) < 0) agree = false;

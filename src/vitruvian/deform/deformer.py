@@ -34,6 +34,7 @@ from vitruvian.deform.hand_links import hands_of
 from vitruvian.deform.hands import HandOperator
 from vitruvian.deform.hybrid import Hybrid, Painted
 from vitruvian.deform.morphs import Morphs, add_after, pack_morphs, shift
+from vitruvian.deform.motions import chain
 from vitruvian.deform.normals import (
     Incidence,
     hanim_normals,
@@ -119,7 +120,7 @@ def deformer(
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
     if name == "volume":
         center, rows = sections(body, rows)
-    memory = np.full((len(rows.chain[0]), 4), np.nan) if live and follow else None
+    memory = np.full((len(chain(rows, body.skeleton)[0]), 4), np.nan) if live and follow else None
     kind = "log" if name in ("hybrid", "volume") else name
     rigid = Rigid(kind, body, rows, steps, follow, threads, memory)
     operator: Operator = rigid

@@ -56,30 +56,43 @@ def joint_duals(rigid: Floats) -> Floats:
     return np.concatenate([se3.dual_quaternion(rigid), still], axis=1)
 
 
+def chain(rows: Influences, skeleton: Skeleton) -> tuple[Ints, Ints]:
+    """(E,2) edges, outward, along which signs are made to agree, and (R,2) pairs in use that may disagree nevertheless.
+
+    Down the skeleton, so that turns of joints add up on the way to another: a fist's last bones are turned by more than
+    half a turn against the palm although no joint is. Where joints hang on several roots: the trees of pairs in use.
+    """
+    roots = np.flatnonzero(skeleton.parents < 0)
+    if len(roots) > 1:
+        return rows.chain
+    below = np.flatnonzero(skeleton.parents >= 0)
+    edges = np.stack([skeleton.parents[below], below], axis=1)
+    still = np.array([[roots[0], rows.joints]])
+    return np.concatenate([edges, still]).astype(np.int32), np.zeros((0, 2), np.int32)
+
+
 def choose_signs(
-    duals: Floats, rows: Influences, *, follow: bool, memory: Floats | None = None
+    duals: Floats, tree: Ints, left: Ints, *, follow: bool, memory: Floats | None = None
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Dual quaternions whose signs agree along the trees of joint pairs in use, and per frame whether all pairs agree.
+    """Dual quaternions whose signs agree along a `chain` of joints, and per frame whether all pairs agree.
 
     Where all agree, no sign needs to be looked at per vertex. `follow`: in frames that follow their predecessor closely
-    the relative turn of each pair keeps its sign through 180 degrees, and the choice holds for all pairs. `memory` (E,4)
+    the relative turn of an edge keeps its sign through 180 degrees, and the choice holds for all pairs. `memory` (E,4)
     carries the relative turns from call to call: NaN when there is no frame before; the last frame's are left in it.
     """
-    tree, left = rows.chain
     duals = duals.copy()
     agree = np.ones(len(duals), dtype=bool)
     known = follow and memory is not None and memory.size > 0 and not np.isnan(memory[0, 0])
     before: Floats | None = memory.copy() if known and memory is not None else None
     for f, frame in enumerate(duals):
-        for a, b in tree:
-            if frame[a, :4] @ frame[b, :4] < 0:
+        for e, (a, b) in enumerate(tree):  # outward: the sign of the first is final
+            turn = _relative(frame, tree[e])
+            flip = turn[3] < 0
+            if follow and before is not None and abs(turn @ before[e]) >= NEAR:
+                flip = turn @ before[e] < 0
+            if flip:
                 frame[b] = -frame[b]
         relative = _relative(frame, tree)
-        if follow and before is not None and (np.abs(np.sum(relative * before, axis=1)) >= NEAR).all():
-            for e, (_, b) in enumerate(tree):  # outward: the sign of the other is final
-                if _relative(frame, tree[e]) @ before[e] < 0:
-                    frame[b] = -frame[b]
-            relative = _relative(frame, tree)
         before = relative
         wound = (relative[:, 3] < 0).any()
         if len(left) and not wound:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
 from vitruvian.deform.bind import DUAL, Bucket, Influences, lane_buckets, plain_buckets
-from vitruvian.deform.motions import RIGID, choose_signs, factor, joint_duals
+from vitruvian.deform.motions import RIGID, chain, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
 
@@ -108,6 +108,11 @@ class Rigid:
         return used[used < self.rows.joints]
 
     @cached_property
+    def chain(self) -> tuple[Ints, Ints]:
+        """Edges along which signs of motions agree: see `motions.chain`."""
+        return chain(self.rows, self.body.skeleton)
+
+    @cached_property
     def unscaled(self) -> Linear:
         """Linear blending with the same weights."""
         real = self.rows.joint < self.rows.joints
@@ -178,11 +183,11 @@ class Rigid:
         """(F,S) how much of the motion each set of joint pairs gets, by the largest angle between two of its joints."""
         native = kernels()
         rigid = self.factored(matrices)[0]
-        tree, left = self.rows.chain
+        tree, left = self.chain
         if native is not None:
             s = (sets.joints, sets.low, sets.high, sets.hard, sets.row, sets.pair)
             return native.turn_shares(rigid, tree, left, self.follow, self.memory, *s)
-        duals, agree = choose_signs(joint_duals(rigid), self.rows, follow=self.follow, memory=self.memory)
+        duals, agree = choose_signs(joint_duals(rigid), *self.chain, follow=self.follow, memory=self.memory)
         return sets.shares(duals, agree)
 
     def factored(self, matrices: Floats) -> tuple[Floats, Floats | None]:
@@ -213,7 +218,7 @@ class Rigid:
 
     def _table(self, native: ModuleType, rigid: Floats) -> tuple[Single, int, NDArray | None, Single | None]:
         """What the kernel blends: dual quaternions, or half twists (steps -1) with their base motions."""
-        tree, left = self.rows.chain
+        tree, left = self.chain
         if self.kind in SIGNED:
             table, agree = native.dual_table(rigid, tree, left, self.follow, self.memory)
             return table, self.steps if self.kind == "log" else 0, agree, None
@@ -235,7 +240,7 @@ class Rigid:
         if self.kind == "log-absolute":
             return [twins.log_absolute(self.rows, d) for d in duals]
         steps = self.steps if self.kind == "log" else 0
-        duals, agree = choose_signs(duals, self.rows, follow=self.follow, memory=self.memory)
+        duals, agree = choose_signs(duals, *self.chain, follow=self.follow, memory=self.memory)
         if self.kind == "log-pair":
             return [twins.log_pair(self.rows, d, signed=bool(a)) for d, a in zip(duals, agree, strict=True)]
         return [twins.log(self.rows, d, steps, signed=bool(a)) for d, a in zip(duals, agree, strict=True)]

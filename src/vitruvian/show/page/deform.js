@@ -183,6 +183,23 @@ export function rigid(skin) {
     dq[d + 6] = 0.5 * (-tx * z + ty * w + tz * x);
     dq[d + 7] = 0.5 * (tx * y - ty * x + tz * w);
   }
+  skin.agreed = agree(skin);
+}
+
+/**
+ * Give dual quaternions signs that agree down the skeleton, so that turns of joints add up on the way to another: a fist's
+ * last bones are turned by more than half a turn against the palm. False where joints hang on several roots.
+ */
+function agree({ dq, J, parents = [] }) {
+  const roots = Array.from(parents, (p, j) => (p < 0 ? j : -1)).filter((j) => j >= 0);
+  if (roots.length !== 1) return false;
+  const follow = (a, b) => {
+    const i = 8 * a, k = 8 * b;
+    if (dq[i] * dq[k] + dq[i + 1] * dq[k + 1] + dq[i + 2] * dq[k + 2] + dq[i + 3] * dq[k + 3] < 0) for (let c = k; c < k + 8; c++) dq[c] = -dq[c];
+  };
+  for (let j = 0; j < J; j++) if (parents[j] >= 0) follow(parents[j], j);
+  follow(roots[0], J);
+  return true;
 }
 
 function orthonormal(R) {
@@ -232,7 +249,7 @@ export function quaternion(R) {
 /** Blends rigid motions, after `rigid`, by the operator `name`: the same as `linear` otherwise. */
 export function blend(skin, rest, out, outN, name) {
   const step = name !== "dual-quaternion", pair = name === "log-pair", absolute = name === "log-absolute";
-  const { V, row, joint, weight, M, dq, normals, stretch, stretched } = skin;
+  const { V, row, joint, weight, M, dq, normals, stretch, stretched, agreed } = skin;
   for (let v = 0, i = 0; v < V; v++, i += 3) {
     const first = row[v], last = row[v + 1];
     let x = rest[i], y = rest[i + 1], z = rest[i + 2];
@@ -250,13 +267,13 @@ export function blend(skin, rest, out, outN, name) {
       }
       continue;
     }
-    // Dual quaternion blend, signs by the pivot's hemisphere.
+    // Dual quaternion blend; signs that do not agree anyway by the pivot's hemisphere.
     const pivot = 8 * joint[first];
     const pw = dq[pivot], px = dq[pivot + 1], py = dq[pivot + 2], pz = dq[pivot + 3];
     let total = 0, w = 0, a = 0, b = 0, c = 0, dw = 0, da = 0, db = 0, dc = 0;
     for (let k = first; k < last; k++) {
       const d = 8 * joint[k];
-      const s = pw * dq[d] + px * dq[d + 1] + py * dq[d + 2] + pz * dq[d + 3] < 0 ? -weight[k] : weight[k];
+      const s = !agreed && pw * dq[d] + px * dq[d + 1] + py * dq[d + 2] + pz * dq[d + 3] < 0 ? -weight[k] : weight[k];
       total += weight[k];
       w += s * dq[d]; a += s * dq[d + 1]; b += s * dq[d + 2]; c += s * dq[d + 3];
       dw += s * dq[d + 4]; da += s * dq[d + 5]; db += s * dq[d + 6]; dc += s * dq[d + 7];
@@ -305,7 +322,7 @@ export function blend(skin, rest, out, outN, name) {
         let sy = w * ey + a * ez - b * ew - c * ex + dw * qy + da * qz - db * qw - dc * qx;
         let sz = w * ez - a * ey + b * ex - c * ew + dw * qz - da * qy + db * qx - dc * qw;
         // the sign that the blend above took, which for the last is the short way from rest
-        if ((absolute ? rw : pw * qw + px * qx + py * qy + pz * qz) < 0) { rw = -rw; rx = -rx; ry = -ry; rz = -rz; sw = -sw; sx = -sx; sy = -sy; sz = -sz; }
+        if ((absolute ? rw : agreed ? 1 : pw * qw + px * qx + py * qy + pz * qz) < 0) { rw = -rw; rx = -rx; ry = -ry; rz = -rz; sw = -sw; sx = -sx; sy = -sy; sz = -sz; }
         const lx = 2 * (rw * sx - sw * rx + ry * sz - rz * sy);
         const ly = 2 * (rw * sy - sw * ry + rz * sx - rx * sz);
         const lz = 2 * (rw * sz - sw * rz + rx * sy - ry * sx);
