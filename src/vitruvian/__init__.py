@@ -29,6 +29,7 @@ _WHERE = {
     "deformer": "deform.deformer",
     "person": "modeling.person",
     "contours": "modeling.contours",
+    "transfer": "modeling.transfer",
     "masses": "modeling.mass",
     "whole_body": "modeling.mass",
     "feature_points": "modeling.features",
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from vitruvian.modeling.mass import masses as masses
     from vitruvian.modeling.mass import whole_body as whole_body
     from vitruvian.modeling.person import person as person
+    from vitruvian.modeling.transfer import transfer as transfer
     from vitruvian.motion.gait import walk as walk
     from vitruvian.motion.idle import idle as idle
     from vitruvian.motion.retarget import retarget as retarget

@@ -85,7 +85,7 @@ def choose_signs(
     known = follow and memory is not None and memory.size > 0 and not np.isnan(memory[0, 0])
     before: Floats | None = memory.copy() if known and memory is not None else None
     for f, frame in enumerate(duals):
-        for e, (a, b) in enumerate(tree):  # outward: the sign of the first is final
+        for e, b in enumerate(tree[:, 1]):  # outward: the sign of the first is final
             turn = _relative(frame, tree[e])
             flip = turn[3] < 0
             if follow and before is not None and abs(turn @ before[e]) >= NEAR:
