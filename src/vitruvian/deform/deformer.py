@@ -79,7 +79,8 @@ def deformer(
     `mix` (V,), 0..1, paints between "linear" (0) and the operator (1); {name: (V,)} gives other operators shares of the
     result, which sum to at most one, and the operator what is left.
     `follow`: consecutive frames of one call keep twists continuous past 180 degrees; `live`: of consecutive calls, too,
-    so that what a call answers depends on those before it (all operators that blend by weights; `forget` starts anew).
+    so that what a call answers depends on those before it (all operators that blend by weights; `forget` starts anew). A
+    Stage does without: it keeps what it knows of a joint with the pose.
     `off`: surfaces of "contours" that follow their joint as rigid pieces; `survey`: its contours keep the volume
     between them; `twist`: "exact", or "paper" for twists estimated as first published.
     `hands`: the hands' own deformation over any operator, which "hand" always has; a mapping gives roundings by joint

@@ -2,6 +2,11 @@
 
 Deformers that are given frames in a row follow; a stage has one frame at a time. So it remembers how joints came to be
 where they are, and gives those few poses that are wound with the way that leads to them.
+
+Why not a `live` deformer: it knows one figure's last call. Here actors share deformers, change them and their level of
+detail while they move, and contours follow in their own way; what is remembered of a joint serves them all, is part of
+the pose, and is forgotten by a seek. Turns that only add up past half a turn, as in a fist, need neither: signs go down
+the skeleton.
 """
 
 from __future__ import annotations
