@@ -58,8 +58,10 @@ function sections(given) {
     radius[v] = Math.hypot(away[3 * v], away[3 * v + 1], away[3 * v + 2]);
   }
   for (let k = 0; k < triangles.length; k += 3) {
-    const [a, b, c] = [0, 1, 2].map((i) => at(rest, triangles[k + i])), u = minus(b, a), w = minus(c, a);
-    const size = Math.hypot(u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]);
+    const a = 3 * triangles[k], b = 3 * triangles[k + 1], c = 3 * triangles[k + 2];
+    const ux = rest[b] - rest[a], uy = rest[b + 1] - rest[a + 1], uz = rest[b + 2] - rest[a + 2];
+    const wx = rest[c] - rest[a], wy = rest[c + 1] - rest[a + 1], wz = rest[c + 2] - rest[a + 2];
+    const size = Math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx);
     for (let i = 0; i < 3; i++) area[triangles[k + i]] += size;
   }
   const { place, share: between } = stations(skin, center, radius), sums = new Map(); // by station: area, direction, weights
@@ -80,20 +82,16 @@ function sections(given) {
   const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1);
   for (let v = 0; v < V; v++) {
     const share = closes[v] * within[v] * straight[v];
-    let list = [];
-    for (let k = row[v]; k < row[v + 1]; k++) list.push([joint[k], weight[k]]);
     if (share > 0) {
       even.fill(0);
       each(v, (sum, b) => { if (sum.area > 0) for (let j = 0; j <= J; j++) even[j] += (share * b * sum.weight[j]) / sum.area; });
-      for (const [j, w] of list) even[j] += (1 - share) * w;
-      const least = Math.min(LIGHT, even.reduce((a, b) => Math.max(a, b), 0));
-      list = [];
+      for (let k = row[v]; k < row[v + 1]; k++) even[joint[k]] += (1 - share) * weight[k];
+      const least = Math.min(LIGHT, even.reduce((a, b) => Math.max(a, b), 0)), list = [];
       let total = 0;
       for (let j = 0; j <= J; j++) if (even[j] > 0 && even[j] >= least) { list.push([j, even[j]]); total += even[j]; }
-      list = list.map(([j, w]) => [j, w / total]);
-    }
-    list.sort((a, b) => b[1] - a[1] || a[0] - b[0]);
-    for (const [j, w] of list) { joints.push(j); weights.push(w); }
+      list.sort((a, b) => b[1] - a[1] || a[0] - b[0]);
+      for (const [j, w] of list) { joints.push(j); weights.push(w / total); }
+    } else for (let k = row[v]; k < row[v + 1]; k++) { joints.push(joint[k]); weights.push(weight[k]); }
     rows[v + 1] = joints.length;
   }
   return { center, rows: { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) } };
