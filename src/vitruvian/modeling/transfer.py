@@ -108,8 +108,8 @@ def dressed(body: Body, points: Floats, matrices: Floats, *, operator: str = "lo
     flat = np.flatnonzero(np.abs(np.linalg.det(frames[..., :3])) < 1e-6)
     if flat.size:
         raise VitruvianError(f"dressed: vertex {flat[0]} is pressed flat in this pose by {operator!r}; use 'log'")
-    back: Floats = np.linalg.solve(frames[..., :3], (given - frames[..., 3])[..., None])[..., 0]
-    return back
+    back = np.linalg.solve(frames[..., :3], (given - frames[..., 3])[..., None])[..., 0]
+    return np.asarray(back, np.float64)
 
 
 def _nearest(
