@@ -98,8 +98,9 @@ bool signs(const MotionJob& job, const double* m, double* q, double* now, const 
         const double* a = q + 4 * int64_t(job.tree[2 * e]);
         double* b = q + 4 * int64_t(job.tree[2 * e + 1]);
         if (dot(a, b) < 0) negate(b);
+        if (!close) continue;
         relative(a, b, now + 4 * e);
-        close = close && std::fabs(dot(now + 4 * e, before + 4 * e)) >= kNear;
+        close = std::fabs(dot(now + 4 * e, before + 4 * e)) >= kNear;
     }
     for (int64_t e = 0; job.follow && e < job.edges; ++e) {
         const double* a = q + 4 * int64_t(job.tree[2 * e]);
