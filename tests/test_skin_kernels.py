@@ -211,16 +211,19 @@ def test_uniform_groups_and_mixed_groups_agree():
 
 
 def test_touch_reads_and_writes_everything():
-    rest, joint = np.ones((10, 3), np.float32), np.zeros((10, 4), np.int32)
-    weight, out = np.full((10, 4), 0.25, np.float32), np.zeros((10, 3), np.float32)
-    kernels().touch(None, rest, joint, weight, out)
-    assert (out == 2).all()
-    kernels().touch(np.zeros((1, 16), np.float32), rest, joint, weight, out)
-    assert (out == 2).all()
+    rest, joint = np.ones((2, 3, 8), np.float32), np.zeros((2, 4), np.int32)
+    weight, out = np.full((2, 4, 8), 0.25, np.float32), np.zeros((11, 3), np.float32)
+    target = np.arange(10)[::-1].astype(np.int32)
+    kernels().touch(None, rest, joint, weight, target, 10, out)
+    assert (out[:10] == 2).all()
+    assert not out[10].any()
+    kernels().touch(np.ones((1, 16), np.float32), rest, joint, weight, target, 10, out)
+    assert (out[:10] == 18).all()
+    assert not out[10].any()
 
 
 def test_arrays_that_do_not_fit_are_refused():
     native = kernels()
-    rest, joint = np.ones((10, 3), np.float32), np.zeros((9, 4), np.int32)
+    rest, weight, joint = np.ones((2, 3, 8), np.float32), np.ones((2, 4, 8), np.float32), np.zeros((1, 4), np.int32)
     with pytest.raises(ValueError, match="fit"):
-        native.touch(None, rest, joint, np.ones((10, 4), np.float32), np.ones((10, 3), np.float32))
+        native.touch(None, rest, joint, weight, None, 10, np.ones((10, 3), np.float32))

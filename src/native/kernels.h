@@ -94,6 +94,8 @@ struct HandJob {
     void linear_table(int64_t count, const double* matrix, float* out);                                               \
     void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table, \
                 float* out, int64_t stride, bool whole);                                                              \
+    void linear_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints,             \
+                      const float* table, float* out, int64_t stride, bool whole);                                    \
     void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out);                    \
     void rigid(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job);                               \
     void face_normals(int64_t first, int64_t last, int64_t count, const float* points, const int32_t* triangle,       \

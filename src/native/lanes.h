@@ -98,6 +98,7 @@ static inline void store8(float* p, f8 v) { memcpy(p, &v, sizeof v); }
 
 #if defined(VT_VECTORS) && defined(__AVX__)
 static inline f8 root(f8 x) { return _mm256_sqrt_ps(x); }
+static inline f8 larger(f8 a, f8 b) { return _mm256_max_ps(a, b); }
 static inline bool any_below(f8 x, float limit) { return _mm256_movemask_ps(x - limit) != 0; }
 #else
 static inline f8 root(f8 x) {
@@ -106,6 +107,7 @@ static inline f8 root(f8 x) {
     for (int i = 0; i < 8; ++i) v[i] = sqrtf(v[i]);
     return load8(v);
 }
+static inline f8 larger(f8 a, f8 b) { return where_negative(a - b, b, a); }
 static inline bool any_below(f8 x, float limit) {
     float v[8];
     store8(v, x - limit);

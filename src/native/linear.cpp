@@ -1,6 +1,6 @@
 // Linear blend skinning: A = I + sum w (M - I), exact when weights do not sum to one (ISO/IEC 19774-1, skinCoordWeight).
 #include "kernels.h"
-#include "lanes.h"
+#include "matrices.h"
 
 namespace vt::VT_NS {
 
@@ -161,25 +161,65 @@ void linear(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, i
     }
 }
 
-// What `linear` of four influences cannot go below, for benchmarks: its loads and stores, with additions in place of the
-// arithmetic. Without a table it leaves out the matrices, which are in the first level cache.
-void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
-    for (int64_t i = first; i < last; ++i) {
-        const int32_t* j = bucket.joint + i * 4;
-        const float* w = bucket.weight + i * 4;
-        const float* p = bucket.rest + i * 3;
-        float t = (w[0] + w[1]) + (w[2] + w[3]);
-        if (table) {
-            f8 sum = all(t);
-            for (int k = 0; k < 4; ++k) sum += load8(table + j[k]) + load8(table + j[k] + 8);
-            t = sum[0];
-        } else {
-            t += float(j[0] ^ j[1] ^ j[2] ^ j[3]);
+namespace {
+
+template <int K>
+void run_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table,
+               float* out, int64_t stride, bool whole) {
+    for (int64_t f = 0; f < frames; ++f) {
+        const float* t = table + f * joints * 16;
+        float* o = out + f * stride;
+        for (int64_t place = first; place < last; place += 8) {
+            const int32_t* joint = bucket.joint + place / 8 * K;
+            const float* weight = bucket.weight + place * K;
+            const float* rest = bucket.rest + place * 3;
+            if (whole) {
+                f8 m[12];
+                blend_matrices<K, true, 1>(t, joint, weight, m);
+                write_frames(bucket.target, place, last, m, o);
+                continue;
+            }
+            const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+            f8 moved[3];
+            blend_points<K, true, 1>(t, joint, weight, p, moved);
+            write_points(bucket.target, place, last, moved, o);
         }
-        float* o = out + i * 3;
-        o[0] = p[0] + t;
-        o[1] = p[1] + t;
-        o[2] = p[2] + t;
+    }
+}
+
+}  // namespace
+
+// `linear` of a bucket in lane layout with shared joints; `first` is a multiple of 8.
+void linear_lanes(const Bucket& bucket, int64_t first, int64_t last, int64_t frames, int64_t joints, const float* table,
+                  float* out, int64_t stride, bool whole) {
+    switch (bucket.influences) {
+        case 1: return run_lanes<1>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 2: return run_lanes<2>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 4: return run_lanes<4>(bucket, first, last, frames, joints, table, out, stride, whole);
+        case 8: return run_lanes<8>(bucket, first, last, frames, joints, table, out, stride, whole);
+        default: return;  // linear_buckets makes no others, the binding checks it
+    }
+}
+
+// What `linear_lanes` of four influences cannot go below, for benchmarks: its loads and stores, with additions in place of
+// the arithmetic. Without a table it leaves out the matrices, which are in the first level cache.
+void touch(const Bucket& bucket, int64_t first, int64_t last, const float* table, float* out) {
+    for (int64_t place = first; place < last; place += 8) {
+        const int32_t* joint = bucket.joint + place / 8 * 4;
+        const float* weight = bucket.weight + place * 4;
+        const float* rest = bucket.rest + place * 3;
+        f8 moved[3];
+        for (int r = 0; r < 3; ++r) {
+            f8 sum[4];
+            for (int k = 0; k < 4; ++k) {
+                sum[k] = load8(weight + k * 8);
+                const float* t = table ? table + joint[k] + r : nullptr;
+                for (int c = 0; t && c < 4; ++c) sum[k] += all(t[c * 4]);
+            }
+            moved[r] = load8(rest + 8 * r) + ((sum[0] + sum[1]) + (sum[2] + sum[3]));
+        }
+        if (!table) moved[0] += all(float(joint[0] ^ joint[1] ^ joint[2] ^ joint[3]));
+        write_points(bucket.target, place, last, moved, out);
     }
 }
 

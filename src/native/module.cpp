@@ -61,6 +61,7 @@ struct Kernels {
     decltype(&vt::base::forward_kinematics) forward_kinematics;
     decltype(&vt::base::linear_table) linear_table;
     decltype(&vt::base::linear) linear;
+    decltype(&vt::base::linear_lanes) linear_lanes;
     decltype(&vt::base::touch) touch;
     decltype(&vt::base::rigid) rigid;
     decltype(&vt::base::face_normals) face_normals;
@@ -71,7 +72,7 @@ struct Kernels {
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
-        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::touch,   \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes, vt::NS::touch,   \
             vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions,   \
             vt::NS::hand                                                                                    \
     }
@@ -176,10 +177,30 @@ void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint
     });
 }
 
-void touch(std::optional<Array<float, 2>> table, AnyArray<float> rest, Array<int32_t, 2> joint, Array<float, 2> weight, Output<float, 2> out, int threads) {
-    const int64_t count = int64_t(joint.shape(0));
-    check(joint.shape(1) == 4 && out.shape(0) == joint.shape(0) && rest.size() == joint.shape(0) * 3, "does not fit");
-    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, nullptr, false};
+// The same for a bucket in lanes.
+void linear_lanes(Array<float, 3> table, Array<float, 3> rest, Array<int32_t, 2> joint, Array<float, 3> weight,
+                  std::optional<Array<int32_t, 1>> target, int64_t count, Output<float, 3> out, int threads) {
+    const size_t groups = size_t(count + 7) / 8, width = joint.shape(1);
+    check(rest.shape(0) == groups && joint.shape(0) == groups && weight.shape(0) == groups, "bucket does not fit together");
+    check(weight.shape(1) == width && weight.shape(2) == 8 && rest.shape(2) == 8, "bucket does not fit together");
+    check(width == 1 || width == 2 || width == 4 || width == 8, "no kernel so wide");
+    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
+    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), true};
+    const int64_t frames = int64_t(table.shape(0)), stride = int64_t(out.shape(1) * out.shape(2));
+    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
+    const int64_t block = frames > 1 ? kBlock : kRun;
+    each(blocks(count, block), workers, [&](int64_t i) {
+        use.linear_lanes(bucket, i * block, stop(i, count, block), frames, int64_t(table.shape(1)), table.data(),
+                         out.data(), stride, out.shape(2) == 12);
+    });
+}
+
+void touch(std::optional<Array<float, 2>> table, Array<float, 3> rest, Array<int32_t, 2> joint, Array<float, 3> weight,
+           std::optional<Array<int32_t, 1>> target, int64_t count, Output<float, 2> out, int threads) {
+    const size_t groups = size_t(count + 7) / 8;
+    check(rest.shape(0) == groups && joint.shape(0) == groups && weight.shape(0) == groups, "bucket does not fit together");
+    check(joint.shape(1) == 4 && weight.shape(1) == 4 && weight.shape(2) == 8 && rest.shape(2) == 8, "does not fit");
+    const vt::Bucket bucket{4, count, rest.data(), joint.data(), weight.data(), nullptr, data(target), true};
     each(blocks(count, kRun), vt::threads_for(count, threads),
          [&](int64_t i) { use.touch(bucket, i * kRun, stop(i, count, kRun), data(table), out.data()); });
 }
@@ -254,9 +275,9 @@ nb::ndarray<nb::numpy, float> turn_shares(Array<double, 4> matrices, Array<int32
 void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
            std::optional<Array<float, 3>> bases, std::optional<AnyArray<int32_t>> base, Array<float, 3> rest,
            AnyArray<int32_t> joint, Array<float, 3> weight, std::optional<Array<int32_t, 1>> target, int64_t count,
-           Output<float, 3> out, std::optional<Array<float, 3>> linear, std::optional<Array<float, 2>> share,
-           std::optional<AnyArray<int32_t>> set, std::optional<Array<float, 3>> center,
-           std::optional<Array<float, 3>> carry, int threads) {
+           Output<float, 3> out, int threads, std::optional<Array<float, 3>> linear,
+           std::optional<Array<float, 2>> share, std::optional<AnyArray<int32_t>> set,
+           std::optional<Array<float, 3>> center, std::optional<Array<float, 3>> carry) {
     const size_t groups = size_t(count + 7) / 8, width = weight.shape(1);
     const bool shared = joint.ndim() == 2;
     check(rest.shape(0) == groups && weight.shape(0) == groups && weight.shape(2) == 8, "bucket does not fit together");
@@ -387,8 +408,10 @@ NB_MODULE(_native, m) {
     m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
           nb::arg("threads") = 0);
-    m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("out"),
-          nb::arg("threads") = 0);
+    m.def("linear_lanes", &linear_lanes, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
+          nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
+    m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
+          nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));
     m.def("dual_table", &dual_table, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"),
           nb::arg("memory") = nb::none());
@@ -399,9 +422,9 @@ NB_MODULE(_native, m) {
           nb::arg("member"));
     m.def("rigid", &rigid, nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(), nb::arg("bases").none(),
           nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("target").none(),
-          nb::arg("count"), nb::arg("out"), nb::arg("linear") = nb::none(), nb::arg("share") = nb::none(),
-          nb::arg("set") = nb::none(), nb::arg("center") = nb::none(), nb::arg("carry") = nb::none(),
-          nb::arg("threads") = 0);
+          nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0, nb::arg("linear") = nb::none(),
+          nb::arg("share") = nb::none(), nb::arg("set") = nb::none(), nb::arg("center") = nb::none(),
+          nb::arg("carry") = nb::none());
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("contour_motions", &contour_motions, nb::arg("matrices"), nb::arg("center"), nb::arg("link"),

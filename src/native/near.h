@@ -3,17 +3,17 @@
 //
 // A, c, s and B of rigid.cpp are sums of the q_k, so A exp(.) is one blend of the q_k with other weights, dual numbers
 // that follow from the products of the q_k alone. A common factor, dual or not, does not matter to the motion, so they
-// can be written w_k (1 + t_k) with t_k small. With Y_k = 1 - (sum w_j q_j) . q_k, e = sum w Y and u = sum w Y^2,
-//     t_k = Y_k (a + b e + c u + Y_k (d + g e) + Y_k^2 h)
-// to the 7th power of the angles. Its coefficients are those of least maximal error (1e-7 of the rotation, 5e-7 of the
-// translation per metre) for random chains and fans of four joints with Y below kNear, found by weighted least squares.
+// can be written w_k (1 + t_k) with t_k small. With Y_k = 1 - (sum w_j q_j) . q_k and e = sum w Y,
+//     t_k = Y_k (a + b e + Y_k (c + d Y_k))
+// Its coefficients are those of least maximal error (3e-7 of the rotation, 3e-6 of its derivative, which is what dual parts
+// feel) for random chains and fans of two to six joints with Y below kNear, found by least squares.
 #pragma once
 #include "dual.h"
 
 namespace vt::VT_NS {
 namespace {
 
-const float kNear = 0.15f;
+const float kNear = 0.12f;
 
 // For vertices with the same K joints: 1 - q_j . q_k, and its dual part.
 template <int K>
@@ -48,66 +48,52 @@ struct Near {
         return same;
     }
 
-    // The blends of G groups of eight vertices that stand one after the other, not normalised; false where the joints are
-    // too far apart. Two groups at once take little longer than one: each is one long chain of arithmetic.
-    template <int G>
-    VT_INLINE bool blend(const float* table, const float* weight, Dual* out) const {
-        f8 w[K][G], y[K][G], z[K][G], e[G], u[G], e_dual[G], u_dual[G];
-        VT_UNROLL for (int k = 0; k < K; ++k)
-            VT_UNROLL for (int g = 0; g < G; ++g) w[k][g] = load8(weight + (g * K + k) * 8);
+    // The weights of the blend: K times eight real parts and as many dual ones; false where joints are too far apart.
+    VT_INLINE bool weigh(const float* weight, float* real, float* dual) const {
+        f8 w[K], y[K], z[K], e, e_dual;
+        VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
         VT_UNROLL for (int k = 0; k < K; ++k) {
             const int first = k == 0;
-            VT_UNROLL for (int g = 0; g < G; ++g) {
-                y[k][g] = w[first][g] * apart[first][k];
-                z[k][g] = w[first][g] * slide[first][k];
-            }
+            y[k] = w[first] * apart[first][k];
+            z[k] = w[first] * slide[first][k];
             VT_UNROLL for (int j = first + 1; j < K; ++j) {
                 if (j == k) continue;
-                VT_UNROLL for (int g = 0; g < G; ++g) {
-                    y[k][g] += w[j][g] * apart[j][k];
-                    z[k][g] += w[j][g] * slide[j][k];
-                }
-            }
-            VT_UNROLL for (int g = 0; g < G; ++g) {
-                const f8 wy = w[k][g] * y[k][g];
-                e[g] = k ? e[g] + wy : wy;
-                e_dual[g] = k ? e_dual[g] + w[k][g] * z[k][g] : w[k][g] * z[k][g];
-                u[g] = k ? u[g] + wy * y[k][g] : wy * y[k][g];
-                u_dual[g] = k ? u_dual[g] + wy * z[k][g] : wy * z[k][g];
+                y[k] += w[j] * apart[j][k];
+                z[k] += w[j] * slide[j][k];
             }
         }
         if (!(worst < kNear)) {
-            for (int g = 0; g < G; ++g) {
-                f8 room = kNear - y[0][g];
-                VT_UNROLL for (int k = 1; k < K; ++k)
-                    room = where_negative(kNear - y[k][g] - room, kNear - y[k][g], room);
-                if (any_below(room, 0.0f)) return false;
-            }
+            f8 most = y[0];
+            VT_UNROLL for (int k = 1; k < K; ++k) most = larger(most, y[k]);
+            if (any_below(kNear - most, 0.0f)) return false;
         }
-        f8 one[G], two[G], one_dual[G], two_dual[G];
-        VT_UNROLL for (int g = 0; g < G; ++g) {
-            one[g] = 0.333341f - 0.020767f * e[g] - 0.084749f * u[g];
-            two[g] = 0.132107f + 0.029262f * e[g];
-            one_dual[g] = -0.020767f * e_dual[g] - (2 * 0.084749f) * u_dual[g];
-            two_dual[g] = 0.029262f * e_dual[g];
-        }
+        f8 wy[K];
         VT_UNROLL for (int k = 0; k < K; ++k) {
-            f8 real[G], dual[G];
-            VT_UNROLL for (int g = 0; g < G; ++g) {
-                const f8 v = y[k][g], wy = w[k][g] * v;
-                real[g] = w[k][g] + wy * (one[g] + v * (two[g] + v * 0.068089f));
-                const f8 slope = one[g] + v * (2.0f * two[g] + v * (3 * 0.068089f));
-                dual[g] = w[k][g] * z[k][g] * slope + wy * (one_dual[g] + v * two_dual[g]);
-            }
-            const float* row = table + joint[k];
-            VT_UNROLL for (int c = 0; c < 4; ++c)
-                VT_UNROLL for (int g = 0; g < G; ++g) {
-                    f8 *o = out[g].v, turned = real[g] * row[c], moved = real[g] * row[4 + c] + dual[g] * row[c];
-                    o[c] = k ? o[c] + turned : turned;
-                    o[4 + c] = k ? o[4 + c] + moved : moved;
-                }
+            wy[k] = w[k] * y[k];
+            z[k] = w[k] * z[k];
+            e = k ? e + wy[k] : wy[k];
+            e_dual = k ? e_dual + z[k] : z[k];
+        }
+        const f8 both = 0.333282f - 0.025193f * e, both_dual = -0.025193f * e_dual;
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            const f8 more = 0.134312f + 0.060931f * y[k], t = both + y[k] * more;
+            store8(real + k * 8, w[k] + wy[k] * t);
+            store8(dual + k * 8, z[k] * (t + y[k] * (more + 0.060931f * y[k])) + wy[k] * both_dual);
         }
         return true;
+    }
+
+    // The sum of weight times dual quaternion, not normalised.
+    VT_INLINE void blend(const float* table, const float* real, const float* dual, f8 out[8]) const {
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            const float* row = table + joint[k];
+            const f8 r = load8(real + k * 8), d = load8(dual + k * 8);
+            VT_UNROLL for (int c = 0; c < 4; ++c) {
+                const f8 turned = r * row[c], moved = r * row[4 + c] + d * row[c];
+                out[c] = k ? out[c] + turned : turned;
+                out[4 + c] = k ? out[4 + c] + moved : moved;
+            }
+        }
     }
 };
 

@@ -321,51 +321,65 @@ void blend_batch(const Bucket& bucket, const RigidJob& job, int64_t f, const int
     for (int g = 0; g < groups; ++g) finish<K, U>(bucket, job, f, place[g], last, work[g].a);
 }
 
-// One group, if a short way to its motion is open.
-template <int K, bool U>
-VT_INLINE bool blend_one(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
-    const float* table = job.table + f * job.rows * 8;
-    const int32_t* joint = bucket.joint + (U ? place / 8 : place) * K;
-    const float* weight = bucket.weight + place * K;
-    Dual a;
-    if constexpr (K == 1) {
-        a = gather<U>(table, joint);
-    } else if constexpr (U && K <= 8) {
-        if (job.agree && !job.agree[f]) return false;
-        if (job.steps == 0) {
-            a = sum_rows<K, true>(table, joint, weight, K);
-            mend<U>(a, table, joint, weight, K);
-        } else {
-            if (job.steps > 1) return false;
-            near.learn(table, joint);
-            if (!near.template blend<1>(table, weight, &a)) return false;
-        }
-    } else {
-        return false;
-    }
-    finish<K, U>(bucket, job, f, place, last, a);
-    return true;
-}
+const int kRow = 16;  // groups that a short way takes through each of its phases before the next one
 
-// Two groups of the same joints by the short way, if it is open to both.
-template <int K>
-VT_INLINE bool blend_two(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last, Near<K>& near) {
-    if (job.steps != 1 || (job.linear.share && !job.linear.center) || place + 8 >= last || (job.agree && !job.agree[f])) return false;
+// Up to kRow groups in frame f; with `near`, which knows their joints, those that are near by the short way.
+template <int K, bool U>
+void blend_row(const Bucket& bucket, const RigidJob& job, int64_t f, const int64_t* place, int groups, int64_t last,
+               const Near<K <= 8 ? K : 1>* near) {
     const float* table = job.table + f * job.rows * 8;
-    const int32_t* joint = bucket.joint + place / 8 * K;
-    near.learn(table, joint);
-    Dual a[2];
-    if (!near.knows(joint + K) || !near.template blend<2>(table, bucket.weight + place * K, a)) return false;
-    finish<K, true>(bucket, job, f, place, last, a[0]);
-    finish<K, true>(bucket, job, f, place + 8, last, a[1]);
-    return true;
+    Dual a[kRow];
+    int64_t some[kRow], far[kRow];
+    int n = 0, fars = 0;
+    if constexpr (U && K > 1 && K <= 8) {
+        alignas(32) float real[kRow][K * 8], dual[kRow][K * 8];
+        for (int g = 0; near && g < groups; ++g) {
+            if (near->weigh(bucket.weight + place[g] * K, real[n], dual[n]))
+                some[n++] = place[g];
+            else
+                far[fars++] = place[g];
+        }
+        for (int g = 0; g < n; ++g) near->blend(table, real[g], dual[g], a[g].v);
+    }
+    if (!near) {
+        const bool flip = job.agree && !job.agree[f];
+        for (int g = 0; g < groups; ++g) {
+            const int32_t* joint = bucket.joint + (U ? place[g] / 8 : place[g]) * K;
+            if (K == 1) {
+                a[n] = gather<U>(table, joint);
+            } else if (job.steps == 0 && !flip) {
+                const float* weight = bucket.weight + place[g] * K;
+                a[n] = sum_rows<K, U>(table, joint, weight, K);
+                mend<U>(a[n], table, joint, weight, K);
+            } else {
+                far[fars++] = place[g];
+                continue;
+            }
+            some[n++] = place[g];
+        }
+    }
+    const LinearShare& s = job.linear;
+    if (job.whole || (s.table && (s.center || s.share))) {
+        for (int g = 0; g < n; ++g) finish<K, U>(bucket, job, f, some[g], last, a[g]);
+    } else {
+        float* out = job.out + f * job.vertices * 3;
+        for (int g = 0; g < n; ++g) {
+            const float* rest = bucket.rest + some[g] * 3;
+            const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+            f8 moved[3];
+            move(a[g], p, moved);
+            write_points(bucket.target, some[g], last, moved, out);
+        }
+    }
+    for (int g = 0; g < fars; g += kBatch)
+        blend_batch<K, U>(bucket, job, f, far + g, fars - g < kBatch ? fars - g : kBatch, last);
 }
 
 template <int K, bool U>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
     for (int64_t f = 0; f < job.frames; ++f) {
+        const float* table = job.table + f * job.rows * 8;
         if (job.twists) {
-            const float* table = job.table + f * job.rows * 8;
             const float* bases = job.bases ? job.bases + f * job.base_rows * 8 : nullptr;
             for (int64_t p = first; p < last; p += 8)
                 finish<K, U>(bucket, job, f, p, last,
@@ -373,25 +387,22 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
                                                 bases, job.base + p));
             continue;
         }
-        int64_t place[kBatch];
+        const bool closes = U && K > 1 && K <= 8 && job.steps == 1 && !(job.agree && !job.agree[f]);
         Near<K <= 8 ? K : 1> near;
+        int64_t place[kRow];
         int groups = 0;
+        const auto settle = [&] {
+            blend_row<K, U>(bucket, job, f, place, groups, last, closes ? &near : nullptr);
+            groups = 0;
+        };
         for (int64_t p = first; p < last; p += 8) {
             if (all_linear<K, U>(bucket, job, f, p, last)) continue;
-            if constexpr (U && K > 1 && K <= 4)
-                if (blend_two<K>(bucket, job, f, p, last, near)) {
-                    p += 8;
-                    continue;
-                }
-            if constexpr (K <= 8)
-                if (blend_one<K, U>(bucket, job, f, p, last, near)) continue;
+            const int32_t* joint = bucket.joint + p / 8 * K;
+            if (groups == kRow || (groups && closes && !near.knows(joint))) settle();
+            if (closes && !groups) near.learn(table, joint);
             place[groups++] = p;
-            if (groups == kBatch) {
-                blend_batch<K, U>(bucket, job, f, place, groups, last);
-                groups = 0;
-            }
         }
-        if (groups) blend_batch<K, U>(bucket, job, f, place, groups, last);
+        if (groups) settle();
     }
 }
 

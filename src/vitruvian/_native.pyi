@@ -29,6 +29,16 @@ def forward_kinematics(
 def linear_table(matrices: Double, still: bool = False) -> Single:
     """(F,J,4,4) to (F,J,16): M - I by columns of four; with `still` one more, which does not move."""
 
+def linear_lanes(
+    table: Single,
+    rest: Single,
+    joint: Ints,
+    weight: Single,
+    target: Ints | None,
+    count: int,
+    out: Single,
+    threads: int = 0,
+) -> None: ...
 def linear(
     table: Single,
     rest: Single,
@@ -41,8 +51,17 @@ def linear(
     out: Single,
     threads: int = 0,
 ) -> None: ...
-def touch(table: Single | None, rest: Single, joint: Ints, weight: Single, out: Single, threads: int = 0) -> None:
-    """The loads and stores of `linear` with four influences, for benchmarks."""
+def touch(
+    table: Single | None,
+    rest: Single,
+    joint: Ints,
+    weight: Single,
+    target: Ints | None,
+    count: int,
+    out: Single,
+    threads: int = 0,
+) -> None:
+    """The loads and stores of `linear_lanes` with four influences, for benchmarks."""
 
 def deviation(matrices: Double) -> float:
     """How far the 3x3 parts of (F,J,4,4) are from rotations; 2 or more where one mirrors."""
@@ -84,12 +103,12 @@ def rigid(
     target: Ints | None,
     count: int,
     out: Single,
+    threads: int = 0,
     linear: Single | None = None,
     share: Single | None = None,
     set: Ints | None = None,
     center: Single | None = None,
     carry: Single | None = None,
-    threads: int = 0,
 ) -> None: ...
 def normals(
     points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0

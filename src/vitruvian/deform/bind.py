@@ -172,13 +172,17 @@ def _lay(array: NDArray, lanes: int) -> NDArray:
     return np.ascontiguousarray(array.reshape(-1, lanes, array.shape[1]).swapaxes(1, 2))
 
 
-def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
-    """Every vertex in one bucket of width 1, 2, 4, 8 or 0, in order: for the linear kernel."""
+def plain_buckets(rows: Influences, rest: Floats, only: Ints | None = None) -> tuple[Bucket, ...]:
+    """Every vertex, or those of `only`, in one bucket of width 1, 2, 4, 8 or 0, in order: for the linear kernel."""
     out = []
     low = -1
+    wanted = np.ones(len(rows), dtype=bool)
+    if only is not None:
+        wanted[:] = False
+        wanted[only] = True
     for width in (1, 2, 4, 8, 0):
         high = width or int(rows.counts.max(initial=0))
-        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= high)).astype(np.int32)
+        chosen = np.flatnonzero(wanted & (rows.counts > low) & (rows.counts <= high)).astype(np.int32)
         low = high
         if not len(chosen):
             continue
@@ -196,6 +200,22 @@ def plain_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
         places = (joint * MATRIX).astype(np.int32)
         out.append(Bucket(width, 1, len(chosen), chosen, points, places, weight.astype(np.float32), row, target))
     return tuple(out)
+
+
+def linear_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
+    """Every vertex in one bucket for the linear kernels: in lanes where eight share their joints, else plain."""
+    out, left, low = [], [np.zeros(0, np.int32)], -1
+    for width in WIDTHS[:4]:
+        chosen = np.flatnonzero((rows.counts > low) & (rows.counts <= width)).astype(np.int32)
+        low = width
+        if len(chosen):
+            together, others = _grouped(rows, chosen, width)
+            left.append(others)
+            if len(together):
+                out.append(_lane_bucket(rows, rest, together, width, MATRIX, shared=True))
+    left.append(np.flatnonzero(rows.counts > low).astype(np.int32))
+    rest_of_them = np.concatenate(left)
+    return (*out, *plain_buckets(rows, rest, rest_of_them)) if len(rest_of_them) else tuple(out)
 
 
 def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
@@ -216,21 +236,21 @@ def lane_buckets(rows: Influences, rest: Floats) -> tuple[Bucket, ...]:
             together, others = _grouped(rows, chosen, width)
             left.append(others)
             if len(together):
-                out.append(_lane_bucket(rows, rest, together, width, shared=True))
+                out.append(_lane_bucket(rows, rest, together, width, DUAL, shared=True))
         if width >= 8 and any(len(some) for some in left):
             mixed = np.sort(np.concatenate(left))
             need = next(w for w in WIDTHS if w >= int(rows.counts[mixed].max()))
-            out.append(_lane_bucket(rows, rest, mixed, need, shared=False))
+            out.append(_lane_bucket(rows, rest, mixed, need, DUAL, shared=False))
             left = [np.zeros(0, np.int32)]
     return tuple(out)
 
 
-def _lane_bucket(rows: Influences, rest: Floats, place: Ints, width: int, *, shared: bool) -> Bucket:
+def _lane_bucket(rows: Influences, rest: Floats, place: Ints, width: int, floats: int, *, shared: bool) -> Bucket:
     joint, weight = _sorted_table(rows, place, width)
     target = None if np.array_equal(place, np.arange(len(rows))) else place
     count = len(place)
     fill = np.concatenate([np.arange(count), np.full(-count % LANES, count - 1)])
-    joint = (joint[fill] * DUAL).astype(np.int32)
+    joint = (joint[fill] * floats).astype(np.int32)
     joint = np.ascontiguousarray(joint[::LANES]) if shared else _lay(joint, LANES)
     vertices = place[fill]
     shares = _lay(weight[fill].astype(np.float32), LANES)

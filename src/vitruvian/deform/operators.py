@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import DUAL, Bucket, Influences, lane_buckets, plain_buckets
+from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, lane_buckets, linear_buckets
 from vitruvian.deform.motions import RIGID, chain, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
@@ -42,7 +42,7 @@ class Linear:
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
-        return plain_buckets(self.rows, self.rest)
+        return linear_buckets(self.rows, self.rest)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         native = kernels()
@@ -69,7 +69,10 @@ class Linear:
 
 def blend_linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: int) -> None:
     """One bucket of out (F,V,3) or (F,V,12), by a table of `native.linear_table`."""
-    native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
+    if b.lanes == LANES:
+        native.linear_lanes(table, b.rest, b.joint, b.weight, b.target, b.count, out, threads)
+    else:
+        native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,15 +208,14 @@ class Rigid:
             self._run_numpy(rigid, out, rest)
             return
         table, steps, agree, bases = self._table(native, rigid)
-        linear = None if more is None else native.linear_table(rigid, True)
+        still = {} if more is None else {"linear": native.linear_table(rigid, True)}
         flat = out.reshape(len(out), -1, 12) if out.ndim == 4 else out
         for i, b in enumerate(self.buckets):
             points = b.rest if rest is None else b.lay(rest)
             base = None if bases is None else self.bases[i]
-            extra = {} if more is None else more[i]
+            extra = {} if more is None else still | more[i]
             native.rigid(
-                table, steps, agree, bases, base, points, b.joint, b.weight, b.target, b.count, flat, linear=linear,
-                threads=self.threads, **extra,
+                table, steps, agree, bases, base, points, b.joint, b.weight, b.target, b.count, flat, self.threads, **extra
             )  # fmt: skip
 
     def _table(self, native: ModuleType, rigid: Floats) -> tuple[Single, int, NDArray | None, Single | None]:
