@@ -10,8 +10,9 @@ Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the ex
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,24 @@ class Program:
     bulge_link: Ints
     paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
+    _kept: object = field(default=None, init=False, repr=False)
+
     def __len__(self) -> int:
         return len(self.base)
+
+    def bound(self, native: ModuleType) -> object:
+        """As the kernel takes it; kept."""
+        if self._kept is None:
+            p = self
+            arrays = (
+                p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
+                p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
+            )  # fmt: skip
+            object.__setattr__(self, "_kept", native.bind_contours(*map(np.ascontiguousarray, arrays)))
+        return self._kept
+
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_kept": None}
 
 
 def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) -> Program:
@@ -151,11 +168,7 @@ def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Float
     native = kernels()
     if native is None or program.paper:
         return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
-    p = program
-    return native.contour_motions(
-        np.ascontiguousarray(matrices), p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist,
-        p.middle, p.along, p.frame, p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link, follow,
-    )  # fmt: skip
+    return native.contour_motions(program.bound(native), np.ascontiguousarray(matrices), follow)
 
 
 def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:

@@ -98,13 +98,7 @@ def place(program: HandProgram, matrices: Floats, out: NDArray[np.floating]) -> 
     """
     native = kernels()
     if native is not None and out.dtype == np.float32:
-        p, hand, a = program, program.hand, program.assignment
-        link, vertex, values = p.blocks
-        native.hand(
-            np.ascontiguousarray(matrices), hand.before, hand.near, hand.far, p.previous, hand.start, hand.end,
-            hand.axis_near, hand.axis_far, p.normal_near, p.normal_far, hand.vertices, p.whole, link, vertex, values,
-            p.gap_vertex, a.links, a.gap_share, p.alongs, p.gap_coefficients, p.across, p.gap_local, p.fold, p.width, out,
-        )  # fmt: skip
+        native.hand(program.bound(native, matrices.shape[1]), np.ascontiguousarray(matrices), out)
         return
     own = program.hand.vertices
     for f, frame in enumerate(matrices):
