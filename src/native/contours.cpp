@@ -12,7 +12,7 @@ struct Quaternion {
     double x, y, z, w;
 };
 
-Quaternion product(const Quaternion& a, const Quaternion& b) {
+inline Quaternion product(const Quaternion& a, const Quaternion& b) {
     return {a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
             a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z};
 }
@@ -58,7 +58,7 @@ inline void waves(const double* angle, double* sine, double* cosine) {
     }
 }
 
-void rotation(const Quaternion& q, double r[3][3]) {
+inline void rotation(const Quaternion& q, double r[3][4]) {
     const double x = q.x, y = q.y, z = q.z, w = q.w;
     r[0][0] = 1 - 2 * (y * y + z * z), r[0][1] = 2 * (x * y - z * w), r[0][2] = 2 * (x * z + y * w);
     r[1][0] = 2 * (x * y + z * w), r[1][1] = 1 - 2 * (x * x + z * z), r[1][2] = 2 * (y * z - x * w);
@@ -139,7 +139,8 @@ void contour_motions(const double* matrix, const ContourProgram& p, const double
     for (int64_t k = 0; k < p.contours; ++k) {
         double* m = out + k * 16;
         const double* start = p.base[k] < 0 ? kStill : matrix + int64_t(p.base[k]) * 16;
-        for (int i = 0; i < 16; ++i) m[i] = start[i];
+        double own[12];
+        for (int i = 0; i < 12; ++i) own[i] = start[i];
         for (int32_t s = p.row[k]; s < p.row[k + 1]; ++s) {
             const int32_t l = p.step[s];
             const double *o = links + int64_t(l) * 12, *n = p.axis + 3 * int64_t(l), *w = turns + 4 * int64_t(s);
@@ -147,17 +148,17 @@ void contour_motions(const double* matrix, const ContourProgram& p, const double
             const double* v = p.twist[s] != p.twist[s] ? o : o + 3;
             const Quaternion q = product({v[0] * w[0], v[1] * w[0], v[2] * w[0], w[1]},
                                          {n[0] * w[2], n[1] * w[2], n[2] * w[2], w[3]});
-            double r[3][3], t[3], next[12];
+            double r[3][4], next[12];
             rotation(q, r);
             for (int i = 0; i < 3; ++i)
-                t[i] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
+                r[i][3] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
             for (int i = 0; i < 3; ++i) {
-                const double* w = m + i * 4;
-                for (int j = 0; j < 3; ++j) next[i * 4 + j] = w[0] * r[0][j] + w[1] * r[1][j] + w[2] * r[2][j];
-                next[i * 4 + 3] = w[0] * t[0] + w[1] * t[1] + w[2] * t[2] + w[3];
+                const double x = own[i * 4], y = own[i * 4 + 1], z = own[i * 4 + 2], last[4] = {0, 0, 0, own[i * 4 + 3]};
+                for (int j = 0; j < 4; ++j) next[i * 4 + j] = last[j] + x * r[0][j] + y * r[1][j] + z * r[2][j];
             }
-            for (int i = 0; i < 12; ++i) m[i] = next[i];
+            for (int i = 0; i < 12; ++i) own[i] = next[i];
         }
+        for (int i = 0; i < 12; ++i) m[i] = own[i];
         const double* c = p.middle + 3 * k;
         double shift[3] = {0, 0, 0};
         if (p.diversion[k] != 0) {

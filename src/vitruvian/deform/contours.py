@@ -10,7 +10,7 @@ Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the ex
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import ModuleType
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours
 from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
-from vitruvian.body.types import Body, Floats, Ints, Weights
+from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights
 from vitruvian.deform.bind import Influences, bind
 from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
@@ -386,20 +386,21 @@ class ContourOperator:
         return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
 
     @cached_property
-    def blended(self) -> Painted:
-        skin, chosen = self.body.skin, self.rest_of_skin
+    def blended(self) -> tuple[Painted, Ints]:
+        """What moves `rest_of_skin`, and the joints whose matrices it takes: few bodies need all of them."""
+        skin, skeleton, chosen = self.body.skin, self.body.skeleton, self.rest_of_skin
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
         place[chosen] = np.arange(len(chosen))
         keep = place[weights.vertex] >= 0
-        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep])
-        part = replace(skin, rest=skin.rest[chosen], weights=some, triangles=np.zeros((0, 3), np.int32),
-                       uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
-        body = replace(self.body, skin=part, contours=())
-        rows = bind(some, len(body.skeleton), rigid=True)
-        linear = Linear(bind(some, len(body.skeleton)), part.rest, self.threads)
-        rigid = Rigid("log", body, rows, 1, self.follow, self.threads)
-        return Painted(linear, ((rigid, np.full(len(chosen), ROUND)),), self.threads)
+        used, joint = np.unique(weights.joint[keep], return_inverse=True)
+        used = used if len(used) else np.zeros(1, np.int32)
+        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], joint, weights.weight[keep])
+        own = Skeleton(tuple(skeleton.names[j] for j in used), np.full(len(used), -1), skeleton.centers[used])
+        body = Body(self.body.name, own, Skin(skin.rest[chosen], np.zeros((0, 3), np.int32), some))
+        linear = Linear(bind(some, len(used)), body.skin.rest, self.threads)
+        rigid = Rigid("log", body, bind(some, len(used), rigid=True), 1, self.follow, self.threads)
+        return Painted(linear, ((rigid, np.full(len(chosen), ROUND)),), self.threads), used
 
     @cached_property
     def stretch(self) -> Linear:
@@ -435,7 +436,8 @@ class ContourOperator:
         chosen = self.rest_of_skin
         if len(chosen):
             part = np.empty((len(out), len(chosen), 3), np.float32)
-            self.blended.points(rigid, part, None if rest is None else rest[chosen])
+            blended, used = self.blended
+            blended.points(rigid[:, used], part, None if rest is None else rest[chosen])
             out[:, chosen] = part
 
     def frames(self, matrices: Floats, out: Single) -> None:
@@ -444,5 +446,6 @@ class ContourOperator:
         chosen = self.rest_of_skin
         if len(chosen):
             part = np.empty((len(out), len(chosen), 3, 4), np.float32)
-            self.blended.frames(rigid, part)
+            blended, used = self.blended
+            blended.frames(rigid[:, used], part)
             out[:, chosen] = part

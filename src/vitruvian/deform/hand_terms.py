@@ -105,7 +105,7 @@ class HandProgram:
     @cached_property
     def gap_blocks(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
         """The same of gaps: the two links of each block (B,2), vertices (B,8), and values (B,13,8)."""
-        a, links = self.assignment, len(self.hand.near)
+        a = self.assignment
         values = (
             a.gap_share, self.across, self.alongs, self.gap_coefficients[:, 0][:, [0, 2]],
             self.gap_coefficients[:, 1][:, [0, 2]], self.gap_local, self.fold, self.width,
