@@ -196,7 +196,10 @@ void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
     for (int64_t i = 0; i < p.vertices; ++i) {
         float* o = out + 3 * int64_t(p.vertex[i]);
         const float rest = float(1 - p.whole[i]);
-        o[0] *= rest, o[1] *= rest, o[2] *= rest;
+        if (rest > 1e-7f)
+            o[0] *= rest, o[1] *= rest, o[2] *= rest;
+        else
+            o[0] = o[1] = o[2] = 0;  // whatever is there
     }
     for (int64_t i = 0; i < p.blocks; ++i)
         block(links[p.block_link[i]], p.term + i * 13 * LANES, p.block_vertex + i * LANES, out);

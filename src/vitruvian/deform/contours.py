@@ -10,7 +10,7 @@ Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the ex
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import ModuleType
 
@@ -329,6 +329,7 @@ class ContourOperator:
     follow: bool = True
     threads: int = 0
     paper: bool = False
+    spared: NDArray[np.bool_] | None = None  # (V,) points that somebody else sets: `points` may leave anything there
 
     @cached_property
     def program(self) -> Program:
@@ -369,7 +370,13 @@ class ContourOperator:
         row = np.zeros(len(motion) + 1, np.int32)
         row[1:] = np.cumsum(motion >= 0)
         rows = Influences(row, motion[some].astype(np.int32), np.ones(len(some)), joints + len(self.program))
-        return Linear(rows, self.body.skin.rest, self.threads)
+        linear = Linear(rows, self.body.skin.rest, self.threads)
+        if self.spared is not None:
+            (b,) = linear.buckets  # all points have one motion at most
+            left = np.flatnonzero(~self.spared & (motion >= 0)).astype(np.int32)
+            part = {name: getattr(b, name)[left] for name in ("rest", "joint", "weight")}
+            linear.__dict__["buckets"] = (replace(b, count=len(left), vertices=left, target=left, **part),)
+        return linear
 
     @cached_property
     def _single(self) -> NDArray[np.int64]:

@@ -159,11 +159,17 @@ class HandOperator:
         both = zip(self.hands, self.assignments, strict=True)
         return tuple(hand_program(hand, skin, a, plain=not self.rounded) for hand, a in both)
 
-    def spared(self, body: Body) -> Body:
-        """A body whose points that are the hands' alone follow one joint each, which costs less."""
-        alone = np.zeros(len(body.skin.rest), bool)
+    @property
+    def alone(self) -> NDArray[np.bool_]:
+        """(V,) the points that are the hands' alone."""
+        alone = np.zeros(len(self.skin.rest), bool)
         for p in self.programs:
             alone[p.hand.vertices[p.whole > 1 - 1e-9]] = True
+        return alone
+
+    def spared(self, body: Body) -> Body:
+        """A body whose points that are the hands' alone follow one joint each, which costs less."""
+        alone = self.alone
         weights, first = body.skin.weights, body.skin.weights.top(1)[0][:, 0]
         keep, some = ~alone[weights.vertex], np.flatnonzero(alone)
         simple = Weights.from_pairs(
