@@ -1,6 +1,7 @@
 """Hands: the published construction's figures, its symmetries, and both hands of the built-in person."""
 
 import dataclasses
+import pickle
 import time
 
 import numpy as np
@@ -388,6 +389,12 @@ def test_both_hands_of_the_person_make_a_fist(body, monkeypatch):
     frames = d.frames(m)[0]
     whole = np.einsum("vab,vb->va", frames[..., :3], body.skin.rest) + frames[..., 3]
     assert np.abs(whole - out).max() < 2e-6
+
+
+def test_what_is_bound_can_be_sent_elsewhere(body):
+    d, m = deformer("hand", body), fist(body)
+    here = d(m)
+    assert np.array_equal(pickle.loads(pickle.dumps(d))(m), here)
 
 
 def test_a_rounder_knuckle_stands_further_out(body):

@@ -372,13 +372,16 @@ nb::ndarray<nb::numpy, double> contour_motions(const Bound<vt::ContourProgram>& 
 }
 
 Bound<vt::HandJob> bind_hand(
-    int64_t joints, Array<int32_t, 1> before, Array<int32_t, 1> near, Array<int32_t, 1> far, Array<int32_t, 1> previous,
+    Array<int32_t, 1> before, Array<int32_t, 1> near, Array<int32_t, 1> far, Array<int32_t, 1> previous,
     Array<double, 2> start, Array<double, 2> end, Array<double, 2> axis_near, Array<double, 2> axis_far,
     Array<double, 2> normal_near, Array<double, 2> normal_far, Array<int32_t, 1> vertex, Array<double, 1> whole,
     Array<int32_t, 1> block_link, Array<int32_t, 2> block_vertex, Array<float, 3> term, Array<int32_t, 2> pair,
     Array<int32_t, 2> gap_vertex, Array<float, 3> gap) {
     check(term.shape(0) == block_link.shape(0) && gap.shape(0) == pair.shape(0), "program does not fit together");
     check(vertex.shape(0) == whole.shape(0) && near.shape(0) == previous.shape(0), "program does not fit together");
+    int64_t joints = 0;
+    for (const auto& some : {before, near, far})
+        for (size_t i = 0; i < some.shape(0); ++i) joints = std::max(joints, int64_t(some.data()[i]) + 1);
     const vt::HandJob job{int64_t(near.shape(0)), int64_t(vertex.shape(0)), int64_t(block_link.shape(0)),
                           int64_t(pair.shape(0)), before.data(), near.data(), far.data(), previous.data(),
                           start.data(), end.data(), axis_near.data(), axis_far.data(), normal_near.data(),
@@ -392,7 +395,7 @@ Bound<vt::HandJob> bind_hand(
 void hand(const Bound<vt::HandJob>& bound, Array<double, 4> matrices, Output<float, 3> out) {
     const vt::HandJob& job = bound.program;
     const int64_t frames = int64_t(matrices.shape(0)), stride = int64_t(matrices.shape(1)) * 16;
-    check(int64_t(matrices.shape(1)) == bound.joints, "matrices do not fit");
+    check(int64_t(matrices.shape(1)) >= bound.joints, "matrices do not fit");
     check(int64_t(out.shape(0)) == frames && out.shape(2) == 3, "out does not fit");
     std::unique_ptr<double[]> scratch(new double[size_t(job.links) * 33]);
     nb::gil_scoped_release release;

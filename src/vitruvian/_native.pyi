@@ -104,7 +104,7 @@ def bind_contours(*arrays: Double | Ints) -> Contours:
 def contour_motions(program: Contours, matrices: Double, follow: bool) -> Double:
     """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4)."""
 
-def bind_hand(joints: int, *arrays: Double | Single | Ints) -> Hand:
+def bind_hand(*arrays: Double | Single | Ints) -> Hand:
     """In the order of src/native/kernels.h, HandJob."""
 
 def hand(program: Hand, matrices: Double, out: Single) -> None:

@@ -10,9 +10,8 @@ Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the ex
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,24 +54,22 @@ class Program:
     bulge_link: Ints
     paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
-    _kept: object = field(default=None, init=False, repr=False)
-
     def __len__(self) -> int:
         return len(self.base)
 
-    def bound(self, native: ModuleType) -> object:
-        """As the kernel takes it; kept."""
-        if self._kept is None:
-            p = self
-            arrays = (
-                p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
-                p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
-            )  # fmt: skip
-            object.__setattr__(self, "_kept", native.bind_contours(*map(np.ascontiguousarray, arrays)))
-        return self._kept
+    @cached_property
+    def bound(self) -> object:
+        """As the kernel takes it."""
+        p, native = self, kernels()
+        assert native is not None
+        arrays = (
+            p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
+            p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
+        )  # fmt: skip
+        return native.bind_contours(*map(np.ascontiguousarray, arrays))
 
     def __getstate__(self) -> dict[str, object]:
-        return self.__dict__ | {"_kept": None}
+        return {name: value for name, value in self.__dict__.items() if name != "bound"}
 
 
 def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) -> Program:
@@ -168,7 +165,7 @@ def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Float
     native = kernels()
     if native is None or program.paper:
         return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
-    return native.contour_motions(program.bound(native), np.ascontiguousarray(matrices), follow)
+    return native.contour_motions(program.bound, np.ascontiguousarray(matrices), follow)
 
 
 def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:

@@ -10,9 +10,8 @@ Source: joint-dependent local operators for hands (1989), section 2; the shares 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from vitruvian.body.hands import Hand
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints, Skin
+from vitruvian.native import kernels
 
 LANES = 8  # terms of one link that the kernel works on at once
 ARC = 1.6  # an arc's share of the link over the portion that is inflated
@@ -79,21 +79,20 @@ class HandProgram:
     gap_local: Floats
     fold: Floats
     width: Floats
-    _kept: object = field(default=None, init=False, repr=False)
 
-    def bound(self, native: ModuleType, joints: int) -> object:
-        """As the kernel takes it, for a skeleton of so many joints; kept."""
-        if self._kept is None:
-            hand = self.hand
-            arrays = (
-                hand.before, hand.near, hand.far, self.previous, hand.start, hand.end, hand.axis_near, hand.axis_far,
-                self.normal_near, self.normal_far, hand.vertices, self.whole, *self.blocks, *self.gap_blocks,
-            )  # fmt: skip
-            object.__setattr__(self, "_kept", native.bind_hand(joints, *map(np.ascontiguousarray, arrays)))
-        return self._kept
+    @cached_property
+    def bound(self) -> object:
+        """As the kernel takes it."""
+        hand, native = self.hand, kernels()
+        assert native is not None
+        arrays = (
+            hand.before, hand.near, hand.far, self.previous, hand.start, hand.end, hand.axis_near, hand.axis_far,
+            self.normal_near, self.normal_far, hand.vertices, self.whole, *self.blocks, *self.gap_blocks,
+        )  # fmt: skip
+        return native.bind_hand(*map(np.ascontiguousarray, arrays))
 
     def __getstate__(self) -> dict[str, object]:
-        return self.__dict__ | {"_kept": None}
+        return {name: value for name, value in self.__dict__.items() if name != "bound"}
 
     @cached_property
     def blocks(self) -> tuple[Ints, Ints, NDArray[np.float32]]:

@@ -98,7 +98,7 @@ def place(program: HandProgram, matrices: Floats, out: NDArray[np.floating]) -> 
     """
     native = kernels()
     if native is not None and out.dtype == np.float32:
-        native.hand(program.bound(native, matrices.shape[1]), np.ascontiguousarray(matrices), out)
+        native.hand(program.bound, np.ascontiguousarray(matrices), out)
         return
     own = program.hand.vertices
     for f, frame in enumerate(matrices):
