@@ -40,6 +40,13 @@ def test_the_person_has_all_points_and_placing_mends_its_limbs(person, good):
     limbs = lambda found: [f for f in found if f.rule in "ab" and "carpal" in f.point]  # noqa: E731
     assert len(limbs(before)) > 10 and limbs(after) == []
     assert all(f.distance_mm > 0 for f in before)
+    assert not any("epicondyles" in f.message for f in before)
+    a = actor(person)
+    for joint, bone, apart in (("elbow", "humeral", 0.055), ("knee", "femoral", 0.09)):
+        for side, sign in (("l", 1), ("r", -1)):
+            medial, lateral = (a.features[f"{side}_{bone}_{part}_epicondyle"] for part in ("medial", "lateral"))
+            x = a.places[f"{side}_{joint}"][0]
+            assert sign * medial[0] < sign * x < sign * lateral[0] and np.linalg.norm(lateral - medial) > apart
 
 
 # What is done to the points: point, shift in metres -> the rule that finds it, of which point.

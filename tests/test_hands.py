@@ -1,6 +1,7 @@
 """Hands: the published construction's figures, its symmetries, and both hands of the built-in person."""
 
 import dataclasses
+import pickle
 import time
 
 import numpy as np
@@ -302,6 +303,35 @@ def test_hands_of_other_bodies(shared, name, moved):
     assert (np.abs(d(m) - deformer("log", body)(m)).max() > 0.001 * extent) == (moved > 0)
 
 
+@pytest.mark.parametrize(
+    "name, counts",
+    [("JinNoAnimations_Fixed.x3d", [265, 267]), ("JoeHAnimKick1a.x3dv", [91, 84]), ("JoeKick.x3d", [91, 84])],
+)
+def test_hands_in_real_skins_do_not_tear(shared, name, counts):
+    """Files of both versions, with few points and with weights by distance, which hang thighs on fingers beside them."""
+    body = vt.pack(vt.load(shared / f"data/hanim/{name}"))
+    found = hands_of(body)
+    assert [len(h.vertices) for h in found] == counts
+    rotation = np.tile([0.0, 0, 0, 1], (1, len(body.skeleton), 1))
+    for hand in found:
+        for link in np.flatnonzero(hand.before_links() >= 0):
+            rotation[0, hand.near[link]] = from_axis_angle([*hand.axis_near[link], 1.0])
+    m = joint_matrices(body.skeleton, Motion(body.skeleton, 30.0, rotation, np.zeros((1, 3))))
+    own = np.zeros(len(body.skin.rest), bool)
+    own[np.concatenate([h.vertices for h in found])] = True
+    corners = body.skin.triangles[own[body.skin.triangles].any(axis=1)]
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    length = lambda p: np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1)  # noqa: E731
+    rest = length(body.skin.rest)
+    stretch = {n: (length(deformer(n, body)(m)[0]) / rest)[rest > 1e-6].max() for n in ("log", "hand")}
+    assert stretch["hand"] < stretch["log"]
+    off = np.abs(deformer("hand", body)(m) - deformer("log", body)(m))[0].max(axis=1)
+    assert off[own].max() > 0.002 and off[~own].max() < 1e-6
+    for hand in found:  # what is not the hand's by its weights follows it less
+        foreign = hand.share < 1
+        assert foreign.any() == name.startswith("Jin") and (hand.share > 0.1).all()
+
+
 def test_zones_meet_without_a_step(engine):
     turn = np.linspace(0, 2 * np.pi, 49)
     step = 1e-9
@@ -359,6 +389,12 @@ def test_both_hands_of_the_person_make_a_fist(body, monkeypatch):
     frames = d.frames(m)[0]
     whole = np.einsum("vab,vb->va", frames[..., :3], body.skin.rest) + frames[..., 3]
     assert np.abs(whole - out).max() < 2e-6
+
+
+def test_what_is_bound_can_be_sent_elsewhere(body):
+    d, m = deformer("hand", body), fist(body)
+    here = d(m)
+    assert np.array_equal(pickle.loads(pickle.dumps(d))(m), here)
 
 
 def test_a_rounder_knuckle_stands_further_out(body):

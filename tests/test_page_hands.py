@@ -9,7 +9,8 @@ import pytest
 
 import vitruvian as vt
 from test_page_deform import in_page, posed
-from vitruvian.body.hands import Rounding, store_roundings
+from vitruvian.body.hands import RANGES, Rounding, store_roundings
+from vitruvian.body.rotations import from_axis_angle, to_matrix
 from vitruvian.body.types import Body
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.hand_links import hands_of
@@ -81,6 +82,32 @@ def test_other_parameters_and_simpler_hands(humanoid, body, tmp_path) -> None:
     cases = [(tuned, matrices), (simple, gripping(simple, 2, 1.2))]
     assert max(differences(tmp_path, cases, [0, 5])) < 1e-5  # a part without hands
     assert np.abs(deformer("hand", tuned)(matrices) - deformer("hand", body)(matrices)).max() > 1e-3
+
+
+def test_parameters_that_a_slider_sets(body, tmp_path) -> None:
+    """Every parameter of every link, axes too, with the second pass and without; and the given ones again."""
+    rng = np.random.default_rng(4)
+    hands, roundings, low, high = hands_of(body), {}, *np.array(list(RANGES.values()), float).T
+    count = sum(len(h.near) for h in hands)
+    numbers, tilt = rng.uniform(low, high, (count, len(RANGES))), rng.uniform(-0.7, 0.7, count)
+    tilt[::3] = 0
+    links = [(h, k) for h in hands for k in range(len(h.near))]
+    for (hand, k), own, angle in zip(links, numbers, tilt, strict=True):
+        turn = to_matrix(from_axis_angle([*(hand.end - hand.start)[k], angle]))
+        axis = tuple((turn @ hand.axis_near[k]).tolist()) if angle else None
+        roundings[body.skeleton.names[hand.near[k]]] = Rounding(**dict(zip(RANGES, own.tolist())), axis=axis)
+    state = {"rounding": numbers.ravel().tolist(), "tilt": tilt.tolist(), "plain": False}
+    given = [getattr(r, name) for h in hands for r in h.roundings for name in RANGES]
+    matrices, d = gripping(body, 5), deformer("hand", body)
+    cases = [(state, d.tuned(roundings)), (state | {"plain": True}, d.tuned(roundings, rounded=False))]
+    cases.append(({"rounding": given, "tilt": [0] * count, "plain": False}, d))
+    answers = in_page(
+        tmp_path, [(body, matrices, ["hand"], None, {"tuned": t, "some": [*range(0, 9000, 7)]}) for t, _ in cases]
+    )
+    for answer, (_, wanted) in zip(answers, cases, strict=True):
+        assert np.abs(answer["hand"]["points"] - wanted(matrices)).max() < 1e-5
+        np.testing.assert_array_equal(answer["hand"]["some"], answer["hand"]["points"][range(0, 9000, 7)])
+    assert np.abs(cases[0][1](matrices) - cases[1][1](matrices)).max() > 1e-3
 
 
 @pytest.mark.parametrize("missing", ["hand_share", "hand_previous", "hand_left"])

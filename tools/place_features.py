@@ -49,6 +49,18 @@ def shapes_of_the_face(body: np.ndarray, middle: np.ndarray) -> dict[str, int]:
     return out
 
 
+def epicondyles(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) -> dict[str, int]:
+    """The sides of the left elbow and knee, which bend about X at rest: the vertices furthest out and in at its height."""
+    names, out = anatomy.names(), {}
+    for joint, above, bone in (("l_elbow", "l_shoulder", "humeral"), ("l_knee", "l_hip", "femoral")):
+        limb = np.isin(strongest, [names.index(joint), names.index(above)])
+        center = centers[names.index(joint)]
+        limb &= np.abs(body[:, 1] - center[1]) < 0.015
+        for side, sign in (("lateral", 1), ("medial", -1)):
+            out[f"l_{bone}_{side}_epicondyle"] = int(np.argmax(np.where(limb, sign * body[:, 0], -np.inf)))
+    return out
+
+
 def main() -> None:
     sliders = Shape(proportions=0.75)
     points = shaped(sliders)
@@ -80,7 +92,7 @@ def main() -> None:
         places[name] = vertex
         if name.startswith("l_"):
             places["r_" + name[2:]] = int(mirror[vertex])
-    for name, vertex in seen.items():
+    for name, vertex in (seen | epicondyles(body, strongest, centers)).items():
         places[name] = vertex
         if name.startswith("l_"):
             places["r_" + name[2:]] = int(mirror[vertex])

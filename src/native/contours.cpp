@@ -12,7 +12,7 @@ struct Quaternion {
     double x, y, z, w;
 };
 
-Quaternion product(const Quaternion& a, const Quaternion& b) {
+inline Quaternion product(const Quaternion& a, const Quaternion& b) {
     return {a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
             a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z};
 }
@@ -41,14 +41,24 @@ void logarithm(const Quaternion& q, double* out) {
     out[0] = q.x * s, out[1] = q.y * s, out[2] = q.z * s;
 }
 
-Quaternion turn(const double* vector, double share) {
-    const double x = vector[0] * share, y = vector[1] * share, z = vector[2] * share;
-    const double angle = sqrt(x * x + y * y + z * z);
-    const double s = angle < 1e-9 ? 0.5 : sin(angle / 2) / angle;
-    return {x * s, y * s, z * s, cos(angle / 2)};
+const int kLanes = 8;  // a fixed number at a time, so that equal angles have equal sines wherever they stand
+
+// Sines and cosines of eight angles, up to 2 pi: series of a quarter of each, doubled twice.
+inline void waves(const double* angle, double* sine, double* cosine) {
+    for (int i = 0; i < kLanes; ++i) {
+        const double t = angle[i] / 4, u = t * t;
+        double s = 1 + u * (-1.0 / 6 + u * (1.0 / 120 + u * (-1.0 / 5040 + u * (1.0 / 362880 + u * (-1.0 / 39916800 +
+                   u * (1.0 / 6227020800 + u * (-1.0 / 1307674368000 + u * (1.0 / 355687428096000))))))));
+        double c = 1 + u * (-1.0 / 2 + u * (1.0 / 24 + u * (-1.0 / 720 + u * (1.0 / 40320 + u * (-1.0 / 3628800 +
+                   u * (1.0 / 479001600 + u * (-1.0 / 87178291200 + u * (1.0 / 20922789888000))))))));
+        s *= t;
+        const double s2 = 2 * s * c, c2 = 1 - 2 * s * s;
+        sine[i] = 2 * s2 * c2;
+        cosine[i] = 1 - 2 * s2 * s2;
+    }
 }
 
-void rotation(const Quaternion& q, double r[3][3]) {
+inline void rotation(const Quaternion& q, double r[3][4]) {
     const double x = q.x, y = q.y, z = q.z, w = q.w;
     r[0][0] = 1 - 2 * (y * y + z * z), r[0][1] = 2 * (x * y - z * w), r[0][2] = 2 * (x * z + y * w);
     r[1][0] = 2 * (x * y + z * w), r[1][1] = 1 - 2 * (x * x + z * z), r[1][2] = 2 * (y * z - x * w);
@@ -63,15 +73,16 @@ const double kStill[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
 }  // namespace
 
-// How joint `near` (or nothing, -1) and joint `far` are turned against each other, of one frame: 11 doubles a link.
-// The whole turn (3), its part across the axis (3), the angle about the axis, the offset of the centre (3), spare.
+// How joint `near` (or nothing, -1) and joint `far` are turned against each other, of one frame: 12 doubles a link.
+// The whole turn (3), its part across the axis (3), the angle about the axis, the offset of the centre (3), the angles of
+// the whole and of the part across.
 // `before` (links,4) holds the quaternions of the frame before, for turns past 180 degrees; `fresh`: there is none.
 void contour_links(const double* matrix, const ContourProgram& p, bool follow, bool fresh, double* before, double* out) {
     for (int64_t l = 0; l < p.links; ++l) {
         const int32_t near = p.link[2 * l], far = p.link[2 * l + 1];
         const double* a = near < 0 ? kStill : matrix + int64_t(near) * 16;
         const double* b = matrix + int64_t(far) * 16;
-        double relative[12], *o = out + l * 11, moved[3];
+        double relative[12], *o = out + l * 12, moved[3];
         for (int r = 0; r < 3; ++r)
             for (int c = 0; c < 3; ++c) relative[r * 4 + c] = a[r] * b[c] + a[4 + r] * b[4 + c] + a[8 + r] * b[8 + c];
         Quaternion q = quaternion(relative);
@@ -93,38 +104,61 @@ void contour_links(const double* matrix, const ContourProgram& p, bool follow, b
         place(b, c, moved);
         for (int r = 0; r < 3; ++r) moved[r] -= a[r * 4 + 3];
         for (int r = 0; r < 3; ++r) o[7 + r] = a[r] * moved[0] + a[4 + r] * moved[1] + a[8 + r] * moved[2] - c[r];
+        for (int i = 0; i < 2; ++i) o[10 + i] = sqrt(o[3 * i] * o[3 * i] + o[3 * i + 1] * o[3 * i + 1] + o[3 * i + 2] * o[3 * i + 2]);
     }
 }
 
-// Motions of the contours [first, last) of one frame, (C,4,4).
-void contour_motions(const double* matrix, const ContourProgram& p, const double* links, int64_t first, int64_t last,
+// The share of its link's turn that each step takes, of one frame: four doubles a step, padded to a multiple of eight
+// steps. The factor of the turn that makes it the vector of a quaternion, the scalar, and the same of the twist's angle.
+void contour_turns(const ContourProgram& p, const double* links, double* out) {
+    for (int64_t first = 0; first < p.steps; first += kLanes) {
+        double half[2][kLanes], sine[2][kLanes], cosine[2][kLanes], length[kLanes], *o = out + 4 * first;
+        const int count = int(p.steps - first < kLanes ? p.steps - first : kLanes);
+        for (int i = 0; i < kLanes; ++i) {
+            const int64_t s = first + (i < count ? i : count - 1);
+            const double *l = links + int64_t(p.step[s]) * 12, twist = p.twist[s];
+            const bool split = twist == twist;  // not a number: the rotation is not split
+            length[i] = split ? l[11] : l[10];
+            half[0][i] = p.swing[s] * length[i] / 2;
+            half[1][i] = split ? twist * l[6] / 2 : 0;
+            length[i] = length[i] < 1e-9 ? 0 : length[i];
+        }
+        waves(half[0], sine[0], cosine[0]);
+        waves(half[1], sine[1], cosine[1]);
+        for (int i = 0; i < kLanes; ++i, o += 4) {
+            const int64_t s = first + (i < count ? i : count - 1);
+            o[0] = length[i] == 0 ? p.swing[s] / 2 : sine[0][i] / length[i];
+            o[1] = cosine[0][i], o[2] = sine[1][i], o[3] = cosine[1][i];
+        }
+    }
+}
+
+// Motions of the contours of one frame, (C,4,4).
+void contour_motions(const double* matrix, const ContourProgram& p, const double* links, const double* turns,
                      double* out) {
-    for (int64_t k = first; k < last; ++k) {
+    for (int64_t k = 0; k < p.contours; ++k) {
         double* m = out + k * 16;
         const double* start = p.base[k] < 0 ? kStill : matrix + int64_t(p.base[k]) * 16;
-        for (int i = 0; i < 16; ++i) m[i] = start[i];
+        double own[12];
+        for (int i = 0; i < 12; ++i) own[i] = start[i];
         for (int32_t s = p.row[k]; s < p.row[k + 1]; ++s) {
             const int32_t l = p.step[s];
-            const double *o = links + int64_t(l) * 11, *n = p.axis + 3 * int64_t(l);
-            const double *c = p.center + 3 * int64_t(p.link[2 * l + 1]), share = p.swing[s], twist = p.twist[s];
-            Quaternion q;
-            if (twist != twist) {  // not a number: the rotation is not split
-                q = turn(o, share);
-            } else {
-                const double half = twist * o[6] / 2, sine = sin(half);
-                q = product(turn(o + 3, share), {n[0] * sine, n[1] * sine, n[2] * sine, cos(half)});
-            }
-            double r[3][3], t[3], next[12];
+            const double *o = links + int64_t(l) * 12, *n = p.axis + 3 * int64_t(l), *w = turns + 4 * int64_t(s);
+            const double *c = p.center + 3 * int64_t(p.link[2 * l + 1]), share = p.swing[s];
+            const double* v = p.twist[s] != p.twist[s] ? o : o + 3;
+            const Quaternion q = product({v[0] * w[0], v[1] * w[0], v[2] * w[0], w[1]},
+                                         {n[0] * w[2], n[1] * w[2], n[2] * w[2], w[3]});
+            double r[3][4], next[12];
             rotation(q, r);
             for (int i = 0; i < 3; ++i)
-                t[i] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
+                r[i][3] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
             for (int i = 0; i < 3; ++i) {
-                const double* w = m + i * 4;
-                for (int j = 0; j < 3; ++j) next[i * 4 + j] = w[0] * r[0][j] + w[1] * r[1][j] + w[2] * r[2][j];
-                next[i * 4 + 3] = w[0] * t[0] + w[1] * t[1] + w[2] * t[2] + w[3];
+                const double x = own[i * 4], y = own[i * 4 + 1], z = own[i * 4 + 2], last[4] = {0, 0, 0, own[i * 4 + 3]};
+                for (int j = 0; j < 4; ++j) next[i * 4 + j] = last[j] + x * r[0][j] + y * r[1][j] + z * r[2][j];
             }
-            for (int i = 0; i < 12; ++i) m[i] = next[i];
+            for (int i = 0; i < 12; ++i) own[i] = next[i];
         }
+        for (int i = 0; i < 12; ++i) m[i] = own[i];
         const double* c = p.middle + 3 * k;
         double shift[3] = {0, 0, 0};
         if (p.diversion[k] != 0) {
@@ -136,8 +170,7 @@ void contour_motions(const double* matrix, const ContourProgram& p, const double
         double widen = 1, stretch = 0, across[3] = {0, 0, 0};
         if (p.mitre[k] != 0) {  // in the plane of the bend, by 1 / cos of what the contour lacks to the bone
             const int32_t l = p.mitre_link[k];
-            const double *v = links + int64_t(l) * 11 + 3, *d = p.bone + 3 * int64_t(l);
-            const double angle = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+            const double *v = links + int64_t(l) * 12 + 3, *d = p.bone + 3 * int64_t(l), angle = v[8];
             const double u[3] = {v[1] * d[2] - v[2] * d[1], v[2] * d[0] - v[0] * d[2], v[0] * d[1] - v[1] * d[0]};
             const double size = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
             if (size > 1e-12) {
@@ -147,8 +180,7 @@ void contour_motions(const double* matrix, const ContourProgram& p, const double
             }
         }
         if (p.bulge[k] != 0) {
-            const double* v = links + int64_t(p.bulge_link[k]) * 11 + 3;
-            widen = 1 + p.bulge[k] * (1 - cos(sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]))) / 2;
+            widen = 1 + p.bulge[k] * (1 - cos(links[int64_t(p.bulge_link[k]) * 12 + 11])) / 2;
         }
         if (widen != 1 || stretch != 0) {
             double t[3];

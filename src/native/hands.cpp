@@ -71,20 +71,22 @@ inline double rounded(double angle) {
     return c * (2 - c);
 }
 
-inline V3 mixed(const V3* v, const double* c) { return unit(c[0] * v[0] + c[1] * v[1] + c[2] * v[2]); }
-
 constexpr int LANES = 8;
+
+inline void put(const V3& v, float* out) { out[0] = float(v.x), out[1] = float(v.y), out[2] = float(v.z); }
+
+inline void add(const float moved[3][LANES], const int32_t* vertex, float* out) {
+    for (int i = 0; i < LANES; ++i) {
+        float* o = out + 3 * int64_t(vertex[i]);
+        o[0] += moved[0][i], o[1] += moved[1][i], o[2] += moved[2][i];
+    }
+}
 
 // Eight terms of one link, in single precision about the link's first end.
 void block(const Link& k, const float* t, const int32_t* vertex, float* out) {
     float y[3][3], z[3][3], way[3], start[3], bend[3], arc[2], tight[2], moved[3][LANES];
-    for (int e = 0; e < 3; ++e) {
-        y[e][0] = float(k.y[e].x), y[e][1] = float(k.y[e].y), y[e][2] = float(k.y[e].z);
-        z[e][0] = float(k.z[e].x), z[e][1] = float(k.z[e].y), z[e][2] = float(k.z[e].z);
-    }
-    way[0] = float(k.along.x), way[1] = float(k.along.y), way[2] = float(k.along.z);
-    start[0] = float(k.start.x), start[1] = float(k.start.y), start[2] = float(k.start.z);
-    bend[0] = float(k.bend.x), bend[1] = float(k.bend.y), bend[2] = float(k.bend.z);
+    for (int e = 0; e < 3; ++e) put(k.y[e], y[e]), put(k.z[e], z[e]);
+    put(k.along, way), put(k.start, start), put(k.bend, bend);
     arc[0] = float(k.arc[0]), arc[1] = float(k.arc[1]);
     tight[0] = float(k.tight[0]), tight[1] = float(k.tight[1]);
     for (int i = 0; i < LANES; ++i) {
@@ -94,11 +96,10 @@ void block(const Link& k, const float* t, const int32_t* vertex, float* out) {
               yz = c0 * y[0][2] + c1 * y[1][2] + c2 * y[2][2];
         float zx = c0 * z[0][0] + c1 * z[1][0] + c2 * z[2][0], zy = c0 * z[0][1] + c1 * z[1][1] + c2 * z[2][1],
               zz = c0 * z[0][2] + c1 * z[1][2] + c2 * z[2][2];
-        const float ny = 1 / sqrtf(yx * yx + yy * yy + yz * yz + 1e-24f);
-        yx *= ny, yy *= ny, yz *= ny;
-        const float d = zx * yx + zy * yy + zz * yz;
+        const float size = yx * yx + yy * yy + yz * yz + 1e-24f, d = (zx * yx + zy * yy + zz * yz) / size;
         zx -= d * yx, zy -= d * yy, zz -= d * yz;
-        const float nz = 1 / sqrtf(zx * zx + zy * zy + zz * zz + 1e-24f);
+        const float ny = 1 / sqrtf(size), nz = 1 / sqrtf(zx * zx + zy * zy + zz * zz + 1e-24f);
+        yx *= ny, yy *= ny, yz *= ny;
         zx *= nz, zy *= nz, zz *= nz;
         const float lx = t[48 + i], lz = t[64 + i];
         float ly = t[56 + i] * (1 + t[72 + i] * bend[0] + t[80 + i] * bend[1] + t[88 + i] * bend[2]);
@@ -110,17 +111,61 @@ void block(const Link& k, const float* t, const int32_t* vertex, float* out) {
         moved[1][i] = share * (start[1] + a * way[1] + lx * (yz * zx - yx * zz) + ly * yy + lz * zy);
         moved[2][i] = share * (start[2] + a * way[2] + lx * (yx * zy - yy * zx) + ly * yz + lz * zz);
     }
-    for (int i = 0; i < LANES; ++i) {
-        float* o = out + 3 * int64_t(vertex[i]);
-        o[0] += moved[0][i], o[1] += moved[1][i], o[2] += moved[2][i];
+    add(moved, vertex, out);
+}
+
+// Eight terms of the gap between two links, in single precision about the first link's first end.
+void bridge(const Link& one, const Link& two, const float* t, const int32_t* vertex, float* out) {
+    float y[2][3][3], way[2][3], start[3], between[3], moved[3][LANES];
+    const Link* link[2] = {&one, &two};
+    for (int k = 0; k < 2; ++k) {
+        for (int e = 0; e < 3; ++e) put(link[k]->y[e], y[k][e]);
+        put(link[k]->along, way[k]);
     }
+    put(one.start, start);
+    put(two.start - one.start, between);
+    for (int i = 0; i < LANES; ++i) {
+        const float share = t[i], s = t[8 + i], a = t[16 + i], b = t[24 + i];
+        float n[2][3];
+        for (int k = 0; k < 2; ++k) {
+            const float c0 = t[32 + 16 * k + i], c2 = t[40 + 16 * k + i], c1 = 1 - c0 - c2;
+            for (int c = 0; c < 3; ++c) n[k][c] = c0 * y[k][0][c] + c1 * y[k][1][c] + c2 * y[k][2][c];
+            const float size = 1 / sqrtf(n[k][0] * n[k][0] + n[k][1] * n[k][1] + n[k][2] * n[k][2] + 1e-24f);
+            for (int c = 0; c < 3; ++c) n[k][c] *= size;
+        }
+        float from[3], w[3], x[3], m[3];
+        for (int c = 0; c < 3; ++c) from[c] = a * way[0][c], w[c] = between[c] + b * way[1][c] - from[c];
+        const float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), short_ = length > 1e-12f ? length : 1e-12f;
+        for (int c = 0; c < 3; ++c) x[c] = w[c] / short_, m[c] = (1 - s) * n[0][c] + s * n[1][c];
+        const float d = m[0] * x[0] + m[1] * x[1] + m[2] * x[2];
+        for (int c = 0; c < 3; ++c) m[c] -= d * x[c];
+        const float size = 1 / sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + 1e-24f);
+        for (int c = 0; c < 3; ++c) m[c] *= size;
+        const float width = t[96 + i], ratio = width < 1e-6f ? 1 : length / width, least = ratio > 1e-6f ? ratio : 1e-6f;
+        const float more = 1 + t[88 + i] * (1 / least - 1), thick = ratio < 1 ? (more > 2 ? 2 : more) : 1;
+        const float lx = t[64 + i], ly = t[72 + i] * thick, lz = t[80 + i];
+        const float z[3] = {x[1] * m[2] - x[2] * m[1], x[2] * m[0] - x[0] * m[2], x[0] * m[1] - x[1] * m[0]};
+        for (int c = 0; c < 3; ++c)
+            moved[c][i] = share * (start[c] + from[c] + s * w[c] + lx * x[c] + ly * m[c] + lz * z[c]);
+    }
+    add(moved, vertex, out);
 }
 
 }  // namespace
 
-// One frame: matrix (J,4,4); scratch holds 31 doubles a link; out (V,3) floats.
+// One frame: matrix (J,4,4); scratch holds 33 doubles a link; out (V,3) floats.
 void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
     Link* links = reinterpret_cast<Link*>(scratch);
+    double* bends = scratch + 31 * p.links;
+    for (int64_t l = p.links; l-- > 0;) {  // a link comes after the one it hangs on, whose far end mostly bends as its near end
+        const double *own = matrix + int64_t(p.near[l]) * 16, *a = p.axis_near + 3 * l, *f = p.axis_far + 3 * l;
+        int64_t next = l + 1;
+        while (next < p.links && p.previous[next] != l) ++next;
+        const double* n = p.axis_near + 3 * next;
+        const bool same = next < p.links && p.before[next] == p.near[l] && f[0] == n[0] && f[1] == n[1] && f[2] == n[2];
+        bends[2 * l] = p.before[l] < 0 ? 0 : flexion(matrix + int64_t(p.before[l]) * 16, own, load(a));
+        bends[2 * l + 1] = same ? bends[2 * next] : p.far[l] < 0 ? 0 : flexion(own, matrix + int64_t(p.far[l]) * 16, load(f));
+    }
     for (int64_t l = 0; l < p.links; ++l) {
         const double* own = matrix + int64_t(p.near[l]) * 16;
         const double* before = p.before[l] < 0 ? own : matrix + int64_t(p.before[l]) * 16;
@@ -136,7 +181,7 @@ void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
         k.z[0] = square(-1.0 * (turn(before, axis_near) + turn(own, axis_near)), k.y[0]);
         k.z[1] = square(-1.0 * turn(own, unit(axis_near + axis_far)), k.y[1]);
         k.z[2] = square(-1.0 * (turn(own, axis_far) + turn(after, axis_far)), k.y[2]);
-        const double a = flexion(before, own, axis_near), b = flexion(own, after, axis_far), mean = (a + b) / 2;
+        const double a = bends[2 * l], b = bends[2 * l + 1], mean = (a + b) / 2;
         k.bend = {knuckle(a), knuckle(b), 1 - cos(mean > 0 ? mean : 0)};
         k.arc[0] = rounded(a), k.arc[1] = rounded(b);
         const double most = 2.0943951023931953, steepest = a > b ? a : b;
@@ -151,28 +196,15 @@ void hand(const double* matrix, const HandJob& p, double* scratch, float* out) {
     for (int64_t i = 0; i < p.vertices; ++i) {
         float* o = out + 3 * int64_t(p.vertex[i]);
         const float rest = float(1 - p.whole[i]);
-        o[0] *= rest, o[1] *= rest, o[2] *= rest;
+        if (rest > 1e-7f)
+            o[0] *= rest, o[1] *= rest, o[2] *= rest;
+        else
+            o[0] = o[1] = o[2] = 0;  // whatever is there
     }
     for (int64_t i = 0; i < p.blocks; ++i)
         block(links[p.block_link[i]], p.term + i * 13 * LANES, p.block_vertex + i * LANES, out);
-    for (int64_t i = 0; i < p.gaps; ++i) {
-        const Link &a = links[p.pair[2 * i]], &b = links[p.pair[2 * i + 1]];
-        const V3 from = a.start + p.alongs[2 * i] * a.along, to = b.start + p.alongs[2 * i + 1] * b.along;
-        const V3 bridge = to - from, x = unit(bridge);
-        const double s = p.across[i], length = sqrt(dot(bridge, bridge));
-        const double ratio = p.width[i] < 1e-6 ? 1.0 : length / p.width[i];
-        double thick = 1;
-        if (ratio < 1) {
-            thick = 1 + p.fold[i] * (1 / (ratio > 1e-6 ? ratio : 1e-6) - 1);
-            if (thick > 2) thick = 2;
-        }
-        const double* c = p.coefficients + 6 * i;
-        const V3 y = square((1 - s) * mixed(a.y, c) + s * mixed(b.y, c + 3), x), z = cross(x, y);
-        const V3 local = load(p.gap_local + 3 * i);
-        const V3 v = p.gap_share[i] * (from + s * bridge + local.x * x + (local.y * thick) * y + local.z * z);
-        float* o = out + 3 * int64_t(p.gap_vertex[i]);
-        o[0] += float(v.x), o[1] += float(v.y), o[2] += float(v.z);
-    }
+    for (int64_t i = 0; i < p.gaps; ++i)
+        bridge(links[p.pair[2 * i]], links[p.pair[2 * i + 1]], p.gap + i * 13 * LANES, p.gap_vertex + i * LANES, out);
 }
 
 }  // namespace vt::VT_NS

@@ -49,7 +49,7 @@ struct RigidJob {
 
 // Contours that take shares of the rotations of chains of joints; see vitruvian.deform.contours.
 struct ContourProgram {
-    int64_t links, contours;
+    int64_t links, contours, steps;
     const double* center;        // (joints, 3)
     const int32_t* link;         // (links, 2) a joint or -1, and the joint that turns against it
     const double* axis;          // (links, 3) unit: of its twist
@@ -80,8 +80,9 @@ struct HandJob {
     const int32_t *block_link, *block_vertex;  // (blocks,), (blocks, 8): terms of one link
     const float* term;                         // (blocks, 13, 8): share, along, two shifts, coefficients of the frames at
                                                // the near and the far end, local x y z, three swells, press
-    const int32_t *gap_vertex, *pair;          // (gaps,), (gaps, 2)
-    const double *gap_share, *alongs, *coefficients, *across, *gap_local, *fold, *width;  // (gaps,) x 1 2 6 1 3 1 1
+    const int32_t *pair, *gap_vertex;          // (gaps, 2), (gaps, 8): gap terms of two links
+    const float* gap;                          // (gaps, 13, 8): share, across, along both links, coefficients of the frames
+                                               // at the near and the far end of both, local x y z, fold, width
 };
 
 }  // namespace vt
@@ -104,8 +105,9 @@ struct HandJob {
                         const int32_t* point, float* out);                                                            \
     void contour_links(const double* matrix, const ContourProgram& program, bool follow, bool fresh, double* before,  \
                        double* out);                                                                                  \
-    void contour_motions(const double* matrix, const ContourProgram& program, const double* links, int64_t first,     \
-                         int64_t last, double* out);                                                                  \
+    void contour_turns(const ContourProgram& program, const double* links, double* out);                              \
+    void contour_motions(const double* matrix, const ContourProgram& program, const double* links,                    \
+                         const double* turns, double* out);                                                           \
     void hand(const double* matrix, const HandJob& job, double* scratch, float* out);                                 \
     }
 VT_DECLARE(base)

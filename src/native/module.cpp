@@ -8,6 +8,8 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <type_traits>
 #include <vector>
 
 #include "kernels.h"
@@ -67,14 +69,15 @@ struct Kernels {
     decltype(&vt::base::face_normals) face_normals;
     decltype(&vt::base::vertex_normals) vertex_normals;
     decltype(&vt::base::contour_links) contour_links;
+    decltype(&vt::base::contour_turns) contour_turns;
     decltype(&vt::base::contour_motions) contour_motions;
     decltype(&vt::base::hand) hand;
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
-        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes, vt::NS::touch,   \
-            vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals, vt::NS::contour_links, vt::NS::contour_motions,   \
-            vt::NS::hand                                                                                    \
+        #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes,        \
+            vt::NS::touch, vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals,                     \
+            vt::NS::contour_links, vt::NS::contour_turns, vt::NS::contour_motions, vt::NS::hand             \
     }
 
 Kernels best() {
@@ -336,57 +339,89 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
     }
 }
 
-// The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).
-nb::ndarray<nb::numpy, double> contour_motions(
-    Array<double, 4> matrices, Array<double, 2> center, Array<int32_t, 2> link, Array<double, 2> axis,
-    Array<double, 2> bone, Array<int32_t, 1> base, Array<int32_t, 1> row, Array<int32_t, 1> step,
-    Array<double, 1> swing, Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along,
-    Array<int32_t, 1> frame, Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link,
-    Array<double, 1> mitre_share, Array<double, 1> bulge, Array<int32_t, 1> bulge_link, bool follow) {
-    const int64_t frames = int64_t(matrices.shape(0)), joints = int64_t(matrices.shape(1));
+// What does not change between frames, with the arrays that it points into.
+template <class Program>
+struct Bound {
+    Program program;
+    std::shared_ptr<void> arrays;
+    int64_t joints;
+};
+
+template <class Program, class... A>
+Bound<Program> keep(const Program& program, int64_t joints, A&&... arrays) {
+    return {program, std::make_shared<std::tuple<std::decay_t<A>...>>(std::move(arrays)...), joints};
+}
+
+Bound<vt::ContourProgram> bind_contours(
+    Array<double, 2> center, Array<int32_t, 2> link, Array<double, 2> axis, Array<double, 2> bone,
+    Array<int32_t, 1> base, Array<int32_t, 1> row, Array<int32_t, 1> step, Array<double, 1> swing,
+    Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along, Array<int32_t, 1> frame,
+    Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link, Array<double, 1> mitre_share,
+    Array<double, 1> bulge, Array<int32_t, 1> bulge_link) {
     const int64_t links = int64_t(link.shape(0)), contours = int64_t(base.shape(0));
-    check(int64_t(center.shape(0)) == joints && axis.shape(0) == link.shape(0), "program does not fit together");
+    check(axis.shape(0) == link.shape(0) && bone.shape(0) == link.shape(0), "program does not fit together");
     check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
-    const vt::ContourProgram program{links, contours, center.data(), link.data(), axis.data(), bone.data(),
-                                     base.data(), row.data(), step.data(), swing.data(), twist.data(), middle.data(),
-                                     along.data(), frame.data(), diversion.data(), mitre.data(), mitre_link.data(),
-                                     mitre_share.data(), bulge.data(), bulge_link.data()};
-    auto out = owned<double>({size_t(frames), size_t(joints + contours), 4, 4});
+    check(twist.shape(0) == step.shape(0), "program does not fit together");
+    const vt::ContourProgram program{links, contours, int64_t(step.shape(0)), center.data(), link.data(), axis.data(),
+                                     bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
+                                     middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),
+                                     mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data()};
+    return keep(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
+                along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link);
+}
+
+// The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).
+nb::ndarray<nb::numpy, double> contour_motions(const Bound<vt::ContourProgram>& bound, Array<double, 4> matrices,
+                                               bool follow) {
+    const vt::ContourProgram& p = bound.program;
+    const int64_t frames = int64_t(matrices.shape(0)), joints = int64_t(matrices.shape(1));
+    check(joints == bound.joints, "matrices do not fit");
+    auto out = owned<double>({size_t(frames), size_t(joints + p.contours), 4, 4});
     double* result = out.data();
-    std::vector<double> before(size_t(links) * 4), turned(size_t(links) * 11 * size_t(frames));
+    std::unique_ptr<double[]> scratch(new double[size_t(p.links * 16 + (p.steps + 7) / 8 * 32)]);
+    double *before = scratch.get(), *links = before + p.links * 4, *turns = links + p.links * 12;
     nb::gil_scoped_release release;
     for (int64_t f = 0; f < frames; ++f) {
         const double* m = matrices.data() + f * joints * 16;
-        double* t = turned.data() + f * links * 11;
-        use.contour_links(m, program, follow, f == 0, before.data(), t);
-        double* o = result + f * (joints + contours) * 16;
+        use.contour_links(m, p, follow, f == 0, before, links);
+        use.contour_turns(p, links, turns);
+        double* o = result + f * (joints + p.contours) * 16;
         std::copy(m, m + joints * 16, o);
-        use.contour_motions(m, program, t, 0, contours, o + joints * 16);
+        use.contour_motions(m, p, links, turns, o + joints * 16);
     }
     return out;
 }
 
-// Moves the points of a hand in out (F,V,3).
-void hand(Array<double, 4> matrices, Array<int32_t, 1> before, Array<int32_t, 1> near, Array<int32_t, 1> far,
-          Array<int32_t, 1> previous, Array<double, 2> start, Array<double, 2> end, Array<double, 2> axis_near, Array<double, 2> axis_far,
-          Array<double, 2> normal_near, Array<double, 2> normal_far, Array<int32_t, 1> vertex, Array<double, 1> whole,
-          Array<int32_t, 1> block_link, Array<int32_t, 2> block_vertex, Array<float, 3> term,
-          Array<int32_t, 1> gap_vertex, Array<int32_t, 2> pair, Array<double, 1> gap_share, Array<double, 2> alongs,
-          Array<double, 3> coefficients, Array<double, 1> across, Array<double, 2> gap_local, Array<double, 1> fold,
-          Array<double, 1> width, Output<float, 3> out) {
-    const int64_t frames = int64_t(matrices.shape(0)), stride = int64_t(matrices.shape(1)) * 16;
-    check(int64_t(out.shape(0)) == frames && out.shape(2) == 3, "out does not fit");
-    check(term.shape(0) == block_link.shape(0) && gap_share.shape(0) == pair.shape(0), "program does not fit together");
+Bound<vt::HandJob> bind_hand(
+    Array<int32_t, 1> before, Array<int32_t, 1> near, Array<int32_t, 1> far, Array<int32_t, 1> previous,
+    Array<double, 2> start, Array<double, 2> end, Array<double, 2> axis_near, Array<double, 2> axis_far,
+    Array<double, 2> normal_near, Array<double, 2> normal_far, Array<int32_t, 1> vertex, Array<double, 1> whole,
+    Array<int32_t, 1> block_link, Array<int32_t, 2> block_vertex, Array<float, 3> term, Array<int32_t, 2> pair,
+    Array<int32_t, 2> gap_vertex, Array<float, 3> gap) {
+    check(term.shape(0) == block_link.shape(0) && gap.shape(0) == pair.shape(0), "program does not fit together");
+    check(vertex.shape(0) == whole.shape(0) && near.shape(0) == previous.shape(0), "program does not fit together");
+    int64_t joints = 0;
+    for (const auto& some : {before, near, far})
+        for (size_t i = 0; i < some.shape(0); ++i) joints = std::max(joints, int64_t(some.data()[i]) + 1);
     const vt::HandJob job{int64_t(near.shape(0)), int64_t(vertex.shape(0)), int64_t(block_link.shape(0)),
-                          int64_t(pair.shape(0)), before.data(), near.data(), far.data(), previous.data(), start.data(), end.data(),
-                          axis_near.data(), axis_far.data(), normal_near.data(), normal_far.data(), vertex.data(),
-                          whole.data(), block_link.data(), block_vertex.data(), term.data(), gap_vertex.data(),
-                          pair.data(), gap_share.data(), alongs.data(), coefficients.data(), across.data(),
-                          gap_local.data(), fold.data(), width.data()};
-    std::vector<double> scratch(size_t(job.links) * 31);
+                          int64_t(pair.shape(0)), before.data(), near.data(), far.data(), previous.data(),
+                          start.data(), end.data(), axis_near.data(), axis_far.data(), normal_near.data(),
+                          normal_far.data(), vertex.data(), whole.data(), block_link.data(), block_vertex.data(),
+                          term.data(), pair.data(), gap_vertex.data(), gap.data()};
+    return keep(job, joints, before, near, far, previous, start, end, axis_near, axis_far, normal_near, normal_far,
+                vertex, whole, block_link, block_vertex, term, pair, gap_vertex, gap);
+}
+
+// Moves the points of a hand in out (F,V,3).
+void hand(const Bound<vt::HandJob>& bound, Array<double, 4> matrices, Output<float, 3> out) {
+    const vt::HandJob& job = bound.program;
+    const int64_t frames = int64_t(matrices.shape(0)), stride = int64_t(matrices.shape(1)) * 16;
+    check(int64_t(matrices.shape(1)) >= bound.joints, "matrices do not fit");
+    check(int64_t(out.shape(0)) == frames && out.shape(2) == 3, "out does not fit");
+    std::unique_ptr<double[]> scratch(new double[size_t(job.links) * 33]);
     nb::gil_scoped_release release;
     for (int64_t f = 0; f < frames; ++f)
-        use.hand(matrices.data() + f * stride, job, scratch.data(), out.data() + f * int64_t(out.shape(1)) * 3);
+        use.hand(matrices.data() + f * stride, job, scratch.get(), out.data() + f * int64_t(out.shape(1)) * 3);
 }
 
 }  // namespace
@@ -427,11 +462,12 @@ NB_MODULE(_native, m) {
           nb::arg("carry") = nb::none());
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
-    m.def("contour_motions", &contour_motions, nb::arg("matrices"), nb::arg("center"), nb::arg("link"),
-          nb::arg("axis"), nb::arg("bone"), nb::arg("base"), nb::arg("row"), nb::arg("step"), nb::arg("swing"),
-          nb::arg("twist"), nb::arg("middle"), nb::arg("along"), nb::arg("frame"), nb::arg("diversion"),
-          nb::arg("mitre"), nb::arg("mitre_link"), nb::arg("mitre_share"), nb::arg("bulge"), nb::arg("bulge_link"),
-          nb::arg("follow"));
-    m.def("hand", &hand);
+    nb::set_leak_warnings(false);  // programs bound by objects that live until the interpreter ends
+    nb::class_<Bound<vt::ContourProgram>>(m, "Contours");
+    m.def("bind_contours", &bind_contours);
+    m.def("contour_motions", &contour_motions, nb::arg("program"), nb::arg("matrices"), nb::arg("follow"));
+    nb::class_<Bound<vt::HandJob>>(m, "Hand");
+    m.def("bind_hand", &bind_hand);
+    m.def("hand", &hand, nb::arg("program"), nb::arg("matrices"), nb::arg("out"));
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);
 }

@@ -113,56 +113,18 @@ def rigid(
 def normals(
     points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0
 ) -> None: ...
-def contour_motions(
-    matrices: Double,
-    center: Double,
-    link: Ints,
-    axis: Double,
-    bone: Double,
-    base: Ints,
-    row: Ints,
-    step: Ints,
-    swing: Double,
-    twist: Double,
-    middle: Double,
-    along: Double,
-    frame: Ints,
-    diversion: Double,
-    mitre: Double,
-    mitre_link: Ints,
-    mitre_share: Double,
-    bulge: Double,
-    bulge_link: Ints,
-    follow: bool,
-) -> Double:
+
+class Contours: ...
+class Hand: ...
+
+def bind_contours(*arrays: Double | Ints) -> Contours:
+    """In the order of src/native/kernels.h, ContourProgram."""
+
+def contour_motions(program: Contours, matrices: Double, follow: bool) -> Double:
     """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4)."""
 
-def hand(
-    matrices: Double,
-    before: Ints,
-    near: Ints,
-    far: Ints,
-    previous: Ints,
-    start: Double,
-    end: Double,
-    axis_near: Double,
-    axis_far: Double,
-    normal_near: Double,
-    normal_far: Double,
-    vertex: Ints,
-    whole: Double,
-    block_link: Ints,
-    block_vertex: Ints,
-    term: Single,
-    gap_vertex: Ints,
-    pair: Ints,
-    gap_share: Double,
-    alongs: Double,
-    coefficients: Double,
-    across: Double,
-    gap_local: Double,
-    fold: Double,
-    width: Double,
-    out: Single,
-) -> None:
-    """Moves a hand's points in out (F,V,3); arguments in the order of src/native/kernels.h, HandJob."""
+def bind_hand(*arrays: Double | Single | Ints) -> Hand:
+    """In the order of src/native/kernels.h, HandJob."""
+
+def hand(program: Hand, matrices: Double, out: Single) -> None:
+    """Moves a hand's points in out (F,V,3)."""

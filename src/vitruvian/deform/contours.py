@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours
 from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
-from vitruvian.body.types import Body, Floats, Ints, Weights
+from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights
 from vitruvian.deform.bind import Influences, bind
 from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
@@ -56,6 +56,20 @@ class Program:
 
     def __len__(self) -> int:
         return len(self.base)
+
+    @cached_property
+    def bound(self) -> object:
+        """As the kernel takes it."""
+        p, native = self, kernels()
+        assert native is not None
+        arrays = (
+            p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
+            p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
+        )  # fmt: skip
+        return native.bind_contours(*map(np.ascontiguousarray, arrays))
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "bound"}
 
 
 def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) -> Program:
@@ -151,11 +165,7 @@ def motions(program: Program, matrices: Floats, *, follow: bool = True) -> Float
     native = kernels()
     if native is None or program.paper:
         return np.concatenate([matrices, twin(program, matrices, follow=follow)], axis=1)
-    p = program
-    return native.contour_motions(
-        np.ascontiguousarray(matrices), p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist,
-        p.middle, p.along, p.frame, p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link, follow,
-    )  # fmt: skip
+    return native.contour_motions(program.bound, np.ascontiguousarray(matrices), follow)
 
 
 def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
@@ -316,6 +326,7 @@ class ContourOperator:
     follow: bool = True
     threads: int = 0
     paper: bool = False
+    spared: NDArray[np.bool_] | None = None  # (V,) points that somebody else sets: `points` may leave anything there
 
     @cached_property
     def program(self) -> Program:
@@ -356,7 +367,13 @@ class ContourOperator:
         row = np.zeros(len(motion) + 1, np.int32)
         row[1:] = np.cumsum(motion >= 0)
         rows = Influences(row, motion[some].astype(np.int32), np.ones(len(some)), joints + len(self.program))
-        return Linear(rows, self.body.skin.rest, self.threads)
+        linear = Linear(rows, self.body.skin.rest, self.threads)
+        if self.spared is not None:
+            (b,) = linear.buckets  # all points have one motion at most
+            left = np.flatnonzero(~self.spared & (motion >= 0)).astype(np.int32)
+            part = {name: getattr(b, name)[left] for name in ("rest", "joint", "weight")}
+            linear.__dict__["buckets"] = (replace(b, count=len(left), vertices=left, target=left, **part),)
+        return linear
 
     @cached_property
     def _single(self) -> NDArray[np.int64]:
@@ -373,20 +390,21 @@ class ContourOperator:
         return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
 
     @cached_property
-    def blended(self) -> Painted:
-        skin, chosen = self.body.skin, self.rest_of_skin
+    def blended(self) -> tuple[Painted, Ints]:
+        """What moves `rest_of_skin`, and the joints whose matrices it takes: few bodies need all of them."""
+        skin, skeleton, chosen = self.body.skin, self.body.skeleton, self.rest_of_skin
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
         place[chosen] = np.arange(len(chosen))
         keep = place[weights.vertex] >= 0
-        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], weights.joint[keep], weights.weight[keep])
-        part = replace(skin, rest=skin.rest[chosen], weights=some, triangles=np.zeros((0, 3), np.int32),
-                       uv=None, uv_triangles=None, colors=None, parts=(), morphs=())  # fmt: skip
-        body = replace(self.body, skin=part, contours=())
-        rows = bind(some, len(body.skeleton), rigid=True)
-        linear = Linear(bind(some, len(body.skeleton)), part.rest, self.threads)
-        rigid = Rigid("log", body, rows, 1, self.follow, self.threads)
-        return Painted(linear, ((rigid, np.full(len(chosen), ROUND)),), self.threads)
+        used, joint = np.unique(weights.joint[keep], return_inverse=True)
+        used = used if len(used) else np.zeros(1, np.int32)
+        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], joint, weights.weight[keep])
+        own = Skeleton(tuple(skeleton.names[j] for j in used), np.full(len(used), -1), skeleton.centers[used])
+        body = Body(self.body.name, own, Skin(skin.rest[chosen], np.zeros((0, 3), np.int32), some))
+        linear = Linear(bind(some, len(used)), body.skin.rest, self.threads)
+        rigid = Rigid("log", body, bind(some, len(used), rigid=True), 1, self.follow, self.threads)
+        return Painted(linear, ((rigid, np.full(len(chosen), ROUND)),), self.threads), used
 
     @cached_property
     def stretch(self) -> Linear:
@@ -422,7 +440,8 @@ class ContourOperator:
         chosen = self.rest_of_skin
         if len(chosen):
             part = np.empty((len(out), len(chosen), 3), np.float32)
-            self.blended.points(rigid, part, None if rest is None else rest[chosen])
+            blended, used = self.blended
+            blended.points(rigid[:, used], part, None if rest is None else rest[chosen])
             out[:, chosen] = part
 
     def frames(self, matrices: Floats, out: Single) -> None:
@@ -431,5 +450,6 @@ class ContourOperator:
         chosen = self.rest_of_skin
         if len(chosen):
             part = np.empty((len(out), len(chosen), 3, 4), np.float32)
-            self.blended.frames(rigid, part)
+            blended, used = self.blended
+            blended.frames(rigid[:, used], part)
             out[:, chosen] = part

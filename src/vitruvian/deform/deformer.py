@@ -107,7 +107,10 @@ def deformer(
             return deformer(beneath, body, mix=mix, **options).operator  # type: ignore[arg-type]
 
         over = HandOperator(under(body), body.skin, found, rounded)
-        return Deformer(name, body, replace(over, beneath=under(over.spared(body))))
+        beneath = under(over.spared(body))
+        if isinstance(beneath, ContourOperator):
+            beneath = replace(beneath, spared=over.alone)
+        return Deformer(name, body, replace(over, beneath=beneath))
     if mix is not None:
         return _painted(name, body, mix, options)
     joints, rest = len(body.skeleton), body.skin.rest

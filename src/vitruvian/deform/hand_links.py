@@ -13,6 +13,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.hanim.tables import canonical
 
 SMALL = 0.8  # of the median link: a rigid piece that is shorter is no part of a finger
+FOREIGN = 4.0  # times the weight on other limbs: by so much less is a point wholly the hand's
 FADE = 0.35  # of the palm, over which the hand sets in beyond the wrist
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 # Joints of each ray from the wrist on; the thumb has one less.
@@ -41,7 +42,7 @@ def hands_of(
         known = canonical(name)
         if known:
             index.setdefault(known, i)
-    before = {hand.name[0]: hand.vertices for hand in like}
+    before = {hand.name[0]: (hand.vertices, hand.share) for hand in like}
     made = [hand for side in "lr" if (hand := _hand(body, index, side, given, before.get(side))) is not None]
     used = {key for hand in made for key in _keys(body.skeleton, hand)}
     unknown = sorted(set(given) - used - {""})
@@ -58,7 +59,11 @@ def _keys(skeleton: Skeleton, hand: Hand) -> set[str]:
 
 
 def _hand(
-    body: Body, index: Mapping[str, int], side: str, given: Mapping[str, Rounding], vertices: Ints | None
+    body: Body,
+    index: Mapping[str, int],
+    side: str,
+    given: Mapping[str, Rounding],
+    skin: tuple[Ints, Floats] | None,
 ) -> Hand | None:
     skeleton = body.skeleton
     wrist = index.get(f"{side}_radiocarpal")
@@ -108,7 +113,7 @@ def _hand(
     for i, joint in enumerate(far):
         if joint >= 0 and joint in near:
             axis_far[i] = axis_near[near.index(joint)]
-    vertices = _skin(body, wrist, start_, end_) if vertices is None else vertices
+    vertices, share = _skin(body, wrist, start_, end_) if skin is None else skin
     names = skeleton.names
     chosen = tuple(
         _rounding((given, body.roundings), names[joint], side, FINGERS[ray - 1])
@@ -116,7 +121,7 @@ def _hand(
     )
     return Hand(
         f"{side}_hand", np.array(before), np.array(near), np.array(far), start_, end_, axis_near, axis_far,
-        np.array(beside), vertices, np.ones(len(vertices)), chosen, FADE,
+        np.array(beside), vertices, share, chosen, FADE,
     ).rounded(chosen)  # fmt: skip
 
 
@@ -137,19 +142,31 @@ def _tip(skeleton: Skeleton, side: str, ray: int, joints: list[int]) -> Floats:
     return last + 0.8 * (last - skeleton.centers[joints[-2]]) if len(joints) > 1 else last
 
 
-def _skin(body: Body, wrist: int, start: Floats, end: Floats) -> Ints:
-    """Vertices that move with the hand, beyond the beginning of its bones."""
+def _skin(body: Body, wrist: int, start: Floats, end: Floats) -> tuple[Ints, Floats]:
+    """Vertices that move with the hand, beyond the beginning of its bones, and how much of its deformation each takes.
+
+    All of it, but where other limbs pull as well (thighs that files hang on the fingers next to them): then only as much
+    as the weights give to the hand.
+    """
     parents = body.skeleton.parents
-    below = np.zeros(len(parents), bool)
+    below, arm = np.zeros(len(parents), bool), np.zeros(len(parents), bool)
     for j, parent in enumerate(parents):
         below[j] = j == wrist or (parent >= 0 and below[parent])
+    above = int(parents[wrist])
+    while above >= 0:
+        arm[above] = True
+        above = int(parents[above])
     weights = body.skin.weights
     held = np.bincount(weights.vertex, weights.weight * below[weights.joint], minlength=len(weights))
+    other = np.bincount(weights.vertex, weights.weight * ~(below | arm)[weights.joint], minlength=len(weights))
+    whole = np.clip(1 - FOREIGN * other, 0, 1)
+    share = whole + (1 - whole) * np.clip(held, 0, 1)
     vertices = np.flatnonzero(held > 0.1).astype(np.int32)
     bone = end - start
     place = np.einsum("nld,ld->nl", body.skin.rest[vertices][:, None] - start, bone) / np.sum(bone * bone, axis=1)
     vertices = vertices[(place > 0).any(axis=1)]
-    return vertices[~_marks(body, vertices, float(np.median(np.linalg.norm(bone, axis=1))))]
+    vertices = vertices[~_marks(body, vertices, float(np.median(np.linalg.norm(bone, axis=1))))]
+    return vertices, share[vertices]
 
 
 def _marks(body: Body, vertices: Ints, length: float) -> np.ndarray:

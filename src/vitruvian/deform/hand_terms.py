@@ -9,6 +9,7 @@ Source: joint-dependent local operators for hands (1989), section 2; the shares 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from vitruvian.body.hands import Hand
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints, Skin
+from vitruvian.native import kernels
 
 LANES = 8  # terms of one link that the kernel works on at once
 ARC = 1.6  # an arc's share of the link over the portion that is inflated
@@ -79,26 +81,58 @@ class HandProgram:
     width: Floats
 
     @cached_property
+    def bound(self) -> object:
+        """As the kernel takes it."""
+        hand, native = self.hand, kernels()
+        assert native is not None
+        arrays = (
+            hand.before, hand.near, hand.far, self.previous, hand.start, hand.end, hand.axis_near, hand.axis_far,
+            self.normal_near, self.normal_far, hand.vertices, self.whole, *self.blocks, *self.gap_blocks,
+        )  # fmt: skip
+        return native.bind_hand(*map(np.ascontiguousarray, arrays))
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "bound"}
+
+    @cached_property
     def blocks(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
         """For the kernel: the link of each block of terms (B,), their vertices (B,8), and values (B,13,8)."""
         a = self.assignment
-        order = np.argsort(a.link, kind="stable")
-        counts = np.bincount(a.link, minlength=len(self.hand.near))
-        padded = -(-counts // LANES) * LANES
-        first = np.concatenate([[0], np.cumsum(padded)])
-        within = np.arange(len(order)) - np.concatenate([[0], np.cumsum(counts)])[a.link[order]]
-        slot = first[a.link[order]] + within
-        values = np.concatenate([
-            a.share[:, None], self.along[:, None], self.shift, self.coefficients[:, [0, 2]], self.local, self.swell,
-            self.press[:, None],
-        ], axis=1)  # fmt: skip
-        flat = np.zeros((int(first[-1]), values.shape[1]), np.float32)
-        flat[slot] = values[order]
-        vertex = np.full(int(first[-1]), int(self.hand.vertices[0]) if len(self.hand.vertices) else 0, np.int32)
-        vertex[slot] = self.vertex[order]
-        link = np.repeat(np.arange(len(counts)), padded // LANES).astype(np.int32)
-        laid = flat.reshape(-1, LANES, values.shape[1]).transpose(0, 2, 1)
-        return link, vertex.reshape(-1, LANES), np.ascontiguousarray(laid)
+        values = (a.share, self.along, self.shift, self.coefficients[:, [0, 2]], self.local, self.swell, self.press)
+        return _blocks(a.link, len(self.hand.near), self.vertex, values)
+
+    @cached_property
+    def gap_blocks(self) -> tuple[Ints, Ints, NDArray[np.float32]]:
+        """The same of gaps: the two links of each block (B,2), vertices (B,8), and values (B,13,8)."""
+        a = self.assignment
+        values = (
+            a.gap_share, self.across, self.alongs, self.gap_coefficients[:, 0][:, [0, 2]],
+            self.gap_coefficients[:, 1][:, [0, 2]], self.gap_local, self.fold, self.width,
+        )  # fmt: skip
+        pairs, own = np.unique(a.links, axis=0, return_inverse=True)
+        which, vertex, laid = _blocks(own.reshape(-1), len(pairs), self.gap_vertex, values)
+        return pairs[which].astype(np.int32), vertex, laid
+
+
+def _blocks(
+    group: NDArray[np.integer], groups: int, vertex: Ints, values: Sequence[Floats]
+) -> tuple[Ints, Ints, NDArray[np.float32]]:
+    """Terms in blocks of `LANES` of one group (n,) of so many: the group of each block (B,), vertices (B,8), values
+    (B,k,8). Blocks are filled up with zeros."""
+    order = np.argsort(group, kind="stable")
+    counts = np.bincount(group, minlength=groups)
+    padded = -(-counts // LANES) * LANES
+    first = np.concatenate([[0], np.cumsum(padded)])
+    within = np.arange(len(order)) - np.concatenate([[0], np.cumsum(counts)])[group[order]]
+    slot = first[group[order]] + within
+    columns = np.column_stack(values)
+    flat = np.zeros((int(first[-1]), columns.shape[1]), np.float32)
+    flat[slot] = columns[order]
+    own = np.full(int(first[-1]), int(vertex[0]) if len(vertex) else 0, np.int32)
+    own[slot] = vertex[order]
+    laid = flat.reshape(-1, LANES, columns.shape[1]).transpose(0, 2, 1)
+    owner = np.repeat(np.arange(groups), padded // LANES).astype(np.int32)
+    return owner, own.reshape(-1, LANES), np.ascontiguousarray(laid)
 
 
 def assign(hand: Hand, skin: Skin) -> Assignment:

@@ -98,13 +98,7 @@ def place(program: HandProgram, matrices: Floats, out: NDArray[np.floating]) -> 
     """
     native = kernels()
     if native is not None and out.dtype == np.float32:
-        p, hand, a = program, program.hand, program.assignment
-        link, vertex, values = p.blocks
-        native.hand(
-            np.ascontiguousarray(matrices), hand.before, hand.near, hand.far, p.previous, hand.start, hand.end,
-            hand.axis_near, hand.axis_far, p.normal_near, p.normal_far, hand.vertices, p.whole, link, vertex, values,
-            p.gap_vertex, a.links, a.gap_share, p.alongs, p.gap_coefficients, p.across, p.gap_local, p.fold, p.width, out,
-        )  # fmt: skip
+        native.hand(program.bound, np.ascontiguousarray(matrices), out)
         return
     own = program.hand.vertices
     for f, frame in enumerate(matrices):
@@ -165,11 +159,17 @@ class HandOperator:
         both = zip(self.hands, self.assignments, strict=True)
         return tuple(hand_program(hand, skin, a, plain=not self.rounded) for hand, a in both)
 
-    def spared(self, body: Body) -> Body:
-        """A body whose points that are the hands' alone follow one joint each, which costs less."""
-        alone = np.zeros(len(body.skin.rest), bool)
+    @property
+    def alone(self) -> NDArray[np.bool_]:
+        """(V,) the points that are the hands' alone."""
+        alone = np.zeros(len(self.skin.rest), bool)
         for p in self.programs:
             alone[p.hand.vertices[p.whole > 1 - 1e-9]] = True
+        return alone
+
+    def spared(self, body: Body) -> Body:
+        """A body whose points that are the hands' alone follow one joint each, which costs less."""
+        alone = self.alone
         weights, first = body.skin.weights, body.skin.weights.top(1)[0][:, 0]
         keep, some = ~alone[weights.vertex], np.flatnonzero(alone)
         simple = Weights.from_pairs(

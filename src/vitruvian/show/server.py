@@ -40,6 +40,7 @@ MODULES = (
     "mesh.js",
     "contours.js",
     "hands.js",
+    "tuning.js",
     "volume.js",
     "operators.js",
     "skin.js",

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.hands import Rounding
 from vitruvian.body.rotations import inverse, multiply
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
@@ -48,6 +49,7 @@ class Showing:
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
         self.stage = staged(self.actors, self.fps, self.frames, leave) if stage is None else stage
         self.change = 0  # counts everything that pages have to be told
+        self.hands: dict[str, dict[str, Any]] = {}  # options of "hand" that pages set, of each actor
         self.wake: set[asyncio.Event] = set()
         self._since: float | None = None
 
@@ -142,9 +144,14 @@ class Showing:
             if not able(actor.body, name):
                 raise VitruvianError(f"request deformer: {actor.name} has nothing that {name!r} could move")
             try:
-                self.stage.send("deformer", actor.name, name)
+                self.stage.send("deformer", actor.name, name, self.hands.get(actor.name) if name == "hand" else None)
             except (ImportError, ValueError) as error:
                 raise VitruvianError(f"deformer {name} is not available: {error}") from None
+        elif kind == "set_hands":
+            roundings = {name: Rounding.read(words) for name, words in request["roundings"].items()}
+            options = {"hands": roundings, "rounded": request["rounded"]}
+            self.stage.send("deformer", actor.name, "hand", options)  # checks them, whatever deforms it now
+            self.hands[actor.name] = options
         else:
             table = actor.joint_index if kind == "set_rotation" else actor.displacer_index
             name = request["joint"] if kind == "set_rotation" else request["name"]

@@ -120,7 +120,8 @@ def quantise_normals(normals: NDArray[Any]) -> NDArray[np.int8]:
     return out
 
 
-# What the page may ask for: field -> (kind, low, high). Numbers are finite and in range, strings at most `high` long.
+# What the page may ask for: field -> (kind, low, high). Numbers are finite and in range, strings at most `high` long,
+# texts by name at most as many.
 REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "hello": {"token": ("text", 0, 64), "version": ("whole", 0, 1000)},
     "ack": {"seq": ("whole", 0, 2**53)},
@@ -135,6 +136,7 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "set_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200), "weight": ("number", -10, 10)},
     "clear_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200)},
     "clear_pose": {"actor": ("text", 0, 200)},
+    "set_hands": {"actor": ("text", 0, 200), "roundings": ("texts", 0, 200), "rounded": ("flag", 0, 1)},
 }
 
 
@@ -160,6 +162,9 @@ def parse_request(text: str | bytes) -> dict[str, Any]:
 def _fits(value: Any, kind: str, low: float, high: float) -> bool:
     if kind == "text":
         return isinstance(value, str) and len(value) <= high
+    if kind == "texts":
+        good = isinstance(value, dict) and len(value) <= high
+        return good and all(_fits(text, "text", low, high) for pair in value.items() for text in pair)
     if kind == "flag":
         return isinstance(value, bool)
     if kind == "whole":

@@ -48,6 +48,9 @@ class Draft:
 Group = list[tuple[Actor, Draft]]
 
 
+TUNING = ("hands", "rounded")  # options that a bound deformer with hands can change
+
+
 @cache
 def known_options() -> frozenset[str]:
     """Names of options that an actor's deformer may have: those of `deformer` but the ones that the stage decides."""
@@ -89,14 +92,20 @@ class Workshop:
         body = actor.levels[actor.level if level is None else level].body
         if "fingers" in actor.still:  # hands are rigid pieces then
             name, given = ("log" if name == "hand" else name), {k: v for k, v in given.items() if k != "hands"}
-        key = (id(body), name, _frozen(given), follow)
+        tuning = {k: v for k, v in given.items() if name == "hand" and k in TUNING}
+        key = (id(body), name, _frozen({k: v for k, v in given.items() if k not in tuning}), follow)
         if key not in self._bound:
             from vitruvian.deform.deformer import deformer as bind
 
             unknown = sorted(set(given) - known_options())
             require(not unknown, f"deformer {name}", f"options out of {', '.join(sorted(known_options()))}", unknown)
             self._bound[key] = (bind(name, body, follow=follow, **given), (body, given))  # what ids stand for, kept
-        return self._bound[key][0]
+        run, (_, bound) = self._bound[key]
+        if name == "hand" and tuning != {k: v for k, v in bound.items() if k in TUNING}:
+            hands = tuning.get("hands")  # as a slider moves: nothing is bound anew, and only the last is kept
+            run = run.tuned(hands if isinstance(hands, Mapping) else None, rounded=tuning.get("rounded", True))
+            self._bound[key] = (run, (body, given))
+        return run
 
     def ask_again(self) -> None:
         """Offer everything to hooks anew: there are others now."""

@@ -266,6 +266,12 @@ export class Figure {
     return out.fromArray(center(this.pose, this.centers, j)).applyMatrix4(this.space.matrixWorld);
   }
 
+  /** Direction v of the rest pose as it is turned with joint j, in the world. */
+  turned(j, [x, y, z], out = new THREE.Vector3()) {
+    const m = 12 * j, M = this.pose;
+    return out.fromArray([0, 4, 8].map((r) => M[m + r] * x + M[m + r + 1] * y + M[m + r + 2] * z)).transformDirection(this.space.matrixWorld);
+  }
+
   sitePosition(s, out = new THREE.Vector3()) {
     return this.moved(this.sites[s].joint, this.sitePoints.subarray(3 * s, 3 * s + 3), out);
   }

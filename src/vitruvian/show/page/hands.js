@@ -6,6 +6,7 @@ const MOST = (120 * Math.PI) / 180; // flexion beyond which a knuckle grows no m
 const ROUND = Math.PI / 3; // flexion at which the back of a joint is fully an arc
 const ROOM = 0.9; // of the depth at which the palm side would fold onto itself, that it may have
 const ARC = 1.6; // an arc's share of the link over the portion that is inflated
+export const TILT = Math.PI / 4; // how far a flexion axis may be turned about its link
 const LINKS = ["before", "near", "far", "previous", "start", "end", "axis_near", "axis_far", "normal_near", "normal_far", "rounding"];
 const TERMS = ["vertex", "link", "share"], GAPS = ["gap_vertex", "links", "gap_share"], OWN = ["vertices", "left"];
 
@@ -13,10 +14,44 @@ const TERMS = ["vertex", "link", "share"], GAPS = ["gap_vertex", "links", "gap_s
  * The hands out of a mesh message's blocks; null when it has none, or lacks something.
  * before, near, far, previous: one more than the joint or link, 0: none. rounding (L*6): joint, near, far, muscle, belly, arc.
  * vertices and left: what the base operator keeps of each. A term: a vertex, its link and share; a gap: its two links.
+ * tuning: shared by all parts of a skin; `plain`: no second pass, `change` counts what `tune` did.
  */
 export function handProgram(get) {
   const out = Object.fromEntries([...LINKS, ...TERMS, ...GAPS, ...OWN].map((name) => [name, get(`hand_${name}`)]));
-  return Object.values(out).every(Boolean) ? out : null;
+  if (!Object.values(out).every(Boolean)) return null;
+  const copy = (name) => out[name].slice();
+  return { ...out, tuning: { plain: false, change: 0, axis_near: copy("axis_near"), axis_far: copy("axis_far") } };
+}
+
+/**
+ * Other parameters: rounding (L*6); tilt (L) radians by which the axis at the beginning of each link is turned about it;
+ * `plain`: neither knuckles nor arcs nor muscle. Whatever shares these hands follows.
+ */
+export function tune(p, { rounding, tilt, plain }) {
+  const given = p.tuning, L = p.near.length, at = (a, k) => [...a.subarray(3 * k, 3 * k + 3)];
+  const way = Array.from({ length: L }, (_, k) => unit(at(p.end, k).map((x, c) => x - p.start[3 * k + c])));
+  p.rounding.set(rounding);
+  Object.assign(given, { plain, change: given.change + 1 });
+  p.axis_far.set(given.axis_far);
+  const follows = [...way.keys()];
+  for (let k = 0; k < L; k++) {
+    const axis = turned(at(given.axis_near, k), way[k], tilt[k]), before = p.previous[k] - 1;
+    p.axis_near.set(axis, 3 * k);
+    if (before < 0) continue;
+    follows[before] = k;
+    if (tilt[k]) p.axis_far.set(axis, 3 * before);
+  }
+  for (let k = 0; k < L; k++) {
+    const before = p.previous[k] ? p.previous[k] - 1 : k;
+    p.normal_near.set(unit(cross(unit(add(way[before], way[k])), at(p.axis_near, k))), 3 * k);
+    p.normal_far.set(unit(cross(unit(add(way[k], way[follows[k]])), at(p.axis_far, k))), 3 * k);
+  }
+}
+
+/** v turned by an angle about a unit axis. */
+function turned(v, axis, angle) {
+  const c = Math.cos(angle), s = Math.sin(angle), d = (1 - c) * (v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]), w = cross(axis, v);
+  return v.map((x, i) => c * x + s * w[i] + d * axis[i]);
 }
 
 /** The same for some vertices; `of`: old vertex -> new one or -1. */
@@ -62,11 +97,11 @@ export function handed(skin, positions, rest = skin.rest) {
 
 /** What the terms and gaps of a skin's hands take of its rest points; kept until those move. */
 function laid(skin, rest) {
-  const p = skin.hands, kept = skin.laid;
-  if (kept?.hands === p && same(p.vertices, kept.points, rest)) return kept;
+  const p = skin.hands, kept = skin.laid, { change } = p.tuning;
+  if (kept?.hands === p && kept.change === change && same(p.vertices, kept.points, rest)) return kept;
   const points = new Float32Array(3 * p.vertices.length);
   p.vertices.forEach((v, i) => points.set(rest.subarray(3 * v, 3 * v + 3), 3 * i));
-  return (skin.laid = { hands: p, points, ...placed(p, rest) });
+  return (skin.laid = { hands: p, change, points, ...placed(p, rest) });
 }
 
 function same(vertices, points, rest) {
@@ -105,7 +140,11 @@ function placed(p, rest) {
   return out;
 }
 
-const rounding = (p, k) => p.rounding.subarray(6 * k, 6 * k + 6);
+/** Of link k: joint, near, far, muscle, belly, arc. */
+function rounding({ rounding: all, tuning }, k) {
+  const own = all.subarray(6 * k, 6 * k + 6);
+  return tuning.plain ? [0, own[1], own[2], 0, own[4], 0] : own;
+}
 const bump = (u) => (Math.abs(u) < 1 ? Math.cos((Math.PI * u) / 2) ** 2 : 0);
 const clip = (x, low, high) => Math.min(high, Math.max(low, x));
 

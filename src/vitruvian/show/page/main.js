@@ -9,6 +9,7 @@ import { Explorer } from "./explorer.js";
 import { LiveSource, RecordedSource } from "./source.js";
 import { Overlay, pick } from "./overlays.js";
 import { Studio } from "./studio.js";
+import { Tuning } from "./tuning.js";
 import { download, icons, keyList, keys, theme, tooltips } from "./controls.js";
 
 const $ = (id) => document.getElementById(id);
@@ -39,6 +40,7 @@ class Page {
     this.offset = new THREE.Vector3();
     this.history = new History(() => this.edited());
     this.explorer = new Explorer(this);
+    this.tuning = new Tuning(this);
     this.compare = new Compare($("compare-view"), this);
     new ResizeObserver(() => this.compare.on && this.compare.place()).observe($("compare-view"));
     studio.canvas.classList.add("empty");
@@ -60,6 +62,7 @@ class Page {
         name: f.name, joints: f.joints.length, vertices: f.source.length, triangles: f.triangles.length / 3, deformer: f.deformer,
       }))),
       drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
+      hands: read(() => page.tuning.told),
       selected: read(() => page.figure?.joints[page.selected] ?? null),
       level: read(() => (page.figure ? Number($("loa").value) : null)),
       bones: read(() => page.figure?.overlay.shown.map((j) => page.figure.joints[j]) ?? []),
@@ -127,6 +130,7 @@ class Page {
     $("deformer").value = figure.deformer;
     $("deformer").disabled = !figure.isBody;
     this.explorer.present(figure, this.hello);
+    this.tuning.show(figure);
     this.history.done.length = this.history.undone.length = 0;
     this.edited();
   }
@@ -137,7 +141,7 @@ class Page {
       const told = header.deformers?.[figure.name]; // another page may have changed it
       if (told && this.source.live && told !== figure.deformer && performance.now() - (this.chosen ?? -1e9) > 1000) {
         figure.deformer = told;
-        if (figure === this.figure) $("deformer").value = told;
+        if (figure === this.figure) { $("deformer").value = told; this.tuning.update(true); }
       }
       const plain = this.mode === "skin" || (this.mode === "stripes" && this.compare.on);
       figure.detail(header.playing && plain && !pressed("wire") ? this.studio.grain() : 0);
@@ -357,6 +361,7 @@ class Page {
     $("deformer").value = name;
     this.source.deformer(figure.name, name);
     figure.served = null; // by itself, until the server's surface of this deformer arrives, if it has one
+    this.tuning.update(true);
     this.refresh(figure);
   }
 
@@ -425,7 +430,7 @@ class Page {
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
-      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), Backspace: press("unselect"),
+      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },

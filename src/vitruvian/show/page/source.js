@@ -75,6 +75,8 @@ export class LiveSource {
   /** `weight` null: what the clip gives. */
   displacer(actor, name, weight) { this.send(weight === null ? { type: "clear_displacer", actor, name } : { type: "set_displacer", actor, name, weight }); }
   clear(actor) { this.send({ type: "clear_pose", actor }); }
+  /** `roundings`: {joint: words} of those that differ from the body's own; `rounded`: with the second pass. */
+  hands(actor, roundings, rounded) { this.send({ type: "set_hands", actor, roundings, rounded }); }
 }
 
 /** Frames out of a recording, with a clock of its own; between frames poses are mixed in proportion. */
@@ -155,4 +157,5 @@ export class RecordedSource {
   rotation() {}
   displacer() {}
   clear() {}
+  hands() {}
 }

@@ -262,6 +262,11 @@ export class Studio {
   approach(point, reach, outward = null) {
     const from = this.camera.position.clone().sub(this.controls.target).normalize();
     if (outward && from.dot(outward) < 0.3) from.multiplyScalar(0.35).add(outward).normalize();
+    this.face(point, reach, from);
+  }
+
+  /** The same from the side `from`. */
+  face(point, reach, from) {
     from.y = Math.max(-0.15, Math.min(0.6, from.y)); // not from under the floor, not from the top of the head
     if (from.lengthSq() < 1e-6) from.set(0, 0, 1);
     const distance = Math.max(reach / Math.tan((FOV * Math.PI) / 360), this.controls.minDistance);
