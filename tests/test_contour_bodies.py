@@ -8,15 +8,16 @@ import pytest
 import vitruvian as vt
 from test_contours import exact, posed, spine, tube
 from vitruvian.body.contours import distal_shares, limb_parameters, own_shares, zone_counts, zone_lengths
+from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin
 from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
-from vitruvian.deform.interception import Interceptor
 from vitruvian.deform.quality import _boundary, _weld
 from vitruvian.errors import VitruvianError, VitruvianWarning
 from vitruvian.modeling.contours import contoured, tuned
-from vitruvian.modeling.detail import Levels
+from vitruvian.modeling.detail import coarser
 from vitruvian.modeling.trials import _bare, trials
+from vitruvian.stage.actor import Actor
 
 
 @pytest.fixture(scope="module")
@@ -91,29 +92,71 @@ def test_weights_constant_on_contours_are_parameters(parameters):
         limb_parameters(bent)
 
 
-def test_levels_are_switched_and_added_while_running(body):
-    levels = Levels(body)
-    turns = {
-        "l_knee": [1, 0, 0, 1.4],
-        "r_shoulder": [0, 0, 1, -1.2],
-        "vc4": [0, 1, 0, 0.3],
-        "l_radiocarpal": [0, 1, 0, 1],
-    }
-    m = posed(body.skeleton, **turns)
-    full = levels(m)
-    coarse = levels.add(contours=2, points=2)
-    assert np.array_equal(levels(m), full)  # added, not yet active
-    levels.set_lod(coarse)
-    assert np.array_equal(levels(m), full[levels.source]) and len(levels.source) < len(full)
-    assert open_edges(_bare(levels.body).skin) == 0  # coarse contours meet what is sewn to all of their points
-    levels.set_lod(0)
-    levels.set_extremities(False)
-    assert np.array_equal(levels(np.tile(np.eye(4), (len(body.skeleton), 1, 1))), body.skin.rest.astype(np.float32))
-    assert not np.array_equal(levels(m), full)
-    levels.set_extremities(True)
-    assert np.array_equal(levels(m), full)
-    with pytest.raises(VitruvianError, match="level: expected 0 to 1"):
-        levels.set_lod(7)
+def staged(body, **turns):
+    stage = vt.Stage([Actor("p", body, deformer="contours")])
+    for name, turn in turns.items():
+        stage.send("rotation", "p", f"hanim_{name}Def", turn)
+    return stage
+
+
+TURNS = {"l_knee": [1, 0, 0, 1.4], "r_shoulder": [0, 0, 1, -1.2], "vc4": [0, 1, 0, 0.3], "l_radiocarpal": [0, 1, 0, 1]}
+
+
+def test_levels_are_added_and_switched_while_running(body):
+    stage = staged(body, **TURNS)
+    full = stage.step()["p"]
+    assert np.array_equal(full.vertices, deformer("contours", body)(posed(body.skeleton, **TURNS)))
+    small, source = coarser(body, contours=3, points=2)
+    stage.add_level("p", 5, small, source)
+    assert stage.step()["p"] is full  # added, not yet active
+    stage.send("level", "p", value=5)
+    coarse = stage.step()["p"]
+    assert np.array_equal(coarse.vertices, full.vertices[source]) and len(source) < len(full.vertices)
+    assert open_edges(_bare(small).skin) == 0  # coarse contours meet what is sewn to all of their points
+    stage.send("level", "p", value=0)
+    assert np.array_equal(stage.step()["p"].vertices, full.vertices)
+    with pytest.raises(VitruvianError, match="level of p: expected one of 0, 5, or a body with contours and 1 to 3"):
+        stage.send("level", "p", value=7)
+
+
+def test_a_finer_level_comes_while_running(body):
+    """A figure begins with few points; the others are sent on request, and nothing jumps when they are there."""
+    rough, kept = coarser(body, contours=4, points=2)
+    stage = staged(rough, **TURNS)
+    first = stage.step()["p"]
+    stage.send("level", "p", value=1)
+    roughest = stage.step()["p"]
+    stage.send("finer", "p", value=(body, kept))
+    hook = stage.intercept(lambda s, e: None, "finer")
+    assert stage.step()["p"] is roughest  # intercepted: all stays
+    stage.hooks.remove(hook)
+    stage.send("finer", "p", value=(body, kept))
+    frame = stage.step()
+    assert [e.kind for e in frame.events] == ["finer"] and sorted(stage.actors["p"].levels) == [0, 1, 2]
+    assert np.array_equal(frame["p"].vertices, roughest.vertices)
+    assert np.array_equal(body.skin.rest[frame["p"].source], roughest.body.skin.rest)
+    turned = [0.3, 0, 1, -1.0]
+    for level, size in ((1, len(kept)), (0, len(body.skin.rest)), (2, len(roughest.vertices))):
+        stage.send("level", "p", value=level)
+        same = stage.step()["p"]
+        assert len(same.vertices) == size
+        if level == 1:
+            assert np.array_equal(same.vertices, first.vertices)
+    stage.send("level", "p", value=0)
+    stage.send("rotation", "p", "hanim_r_elbowDef", turned)
+    whole = stage.step()["p"]
+    assert whole.source is None
+    assert np.array_equal(whole.vertices, deformer("contours", body)(posed(body.skeleton, **TURNS, r_elbow=turned)))
+    once = vt.Stage([Actor("p", rough, deformer="contours")])
+    once.send("finer", "p", value=(body, kept))
+    once.send("level", "p", value=0)  # both in one tick
+    assert len(once.step()["p"].vertices) == len(body.skin.rest)
+    with pytest.raises(VitruvianError, match="a body that has all points of the present one"):
+        stage.send("finer", "p", value=(body, np.roll(np.arange(len(body.skin.rest)), 1)))
+    with pytest.raises(VitruvianError, match="a Body and which of its vertices"):
+        stage.send("finer", "p", value=body)
+    with pytest.raises(VitruvianError, match="the same joints and displacers"):
+        stage.send("finer", "p", value=(tube()[0], np.arange(10)))
 
 
 def test_twists_as_first_published_are_rough_and_exact_ones_are_not():
@@ -134,24 +177,39 @@ def test_twists_as_first_published_are_rough_and_exact_ones_are_not():
     assert np.abs(same[0] - same[1]).max() < 1e-6
 
 
-def test_events_of_one_time_are_one_computation_and_nothing_is_released_before_its_points():
+def test_events_of_a_script_turn_joints_together_with_their_points():
+    """Names and values as a Script node gets them; ten of one time are one computation of the torso."""
     trunk = spine()
-    seen = []
-    box = Interceptor(deformer("contours", trunk), lambda points, turns: seen.append((points, turns)))
+    stage = vt.Stage([Actor("trunk", trunk, deformer="contours")])
+    start, begun = stage.workshop.computed, stage.frame
     for k, joint in enumerate(["vl5", "vt10", "vt6", "vt1"] * 2 + ["vl5", "vt1"]):
-        box.send(f"hanim_{joint}Def", [0, 1, 0, 0.1 * k], 1.0)
-    assert box.computed == 0 and not seen  # held back until the step ends
-    box.send("hanim_vt6Def", [0, 0, 1, 0.2], 1.04)
-    assert box.computed == 1 and set(seen[0][1]) == {"vl5", "vt10", "vt6", "vt1"}
-    box.end_of_step()
-    assert box.computed == 2
-    m = posed(trunk.skeleton, vl5=[0, 1, 0, 0.8], vt10=[0, 1, 0, 0.5], vt6=[0, 0, 1, 0.2], vt1=[0, 1, 0, 0.9])
-    assert np.array_equal(seen[-1][0], deformer("contours", trunk)(m))
-    box.send("hanim_tailDef", [1, 0, 0, 0.5], 2.0)
-    assert box.findings == ["no joint tail: its rotation is passed through"]
-    assert np.array_equal(seen[-1][1]["tail"], [1, 0, 0, 0.5]) and not len(seen[-1][0])
-    with pytest.raises(VitruvianError, match="4 finite numbers"):
-        box.set("vl5", [0, 1, 0, np.nan], 3.0)
+        stage.send("rotation", "trunk", f"hanim_{joint}Def", [0, 1, 0, 0.1 * k], time=0.1)
+    stage.send("rotation", "trunk", "vt6Def", [0, 0, 1, 0.2], time=0.2)
+    while stage.clock.total < 0.08:
+        assert stage.step()["trunk"] is begun["trunk"]  # held back until their time
+    frames = [stage.step()["trunk"] for _ in range(9)]
+    assert stage.workshop.computed == start + 2
+    for seen, vt6 in ((frames[0], [0, 1, 0, 0.6]), (frames[-1], [0, 0, 1, 0.2])):
+        m = posed(trunk.skeleton, vl5=[0, 1, 0, 0.8], vt10=[0, 1, 0, 0.5], vt6=vt6, vt1=[0, 1, 0, 0.9])
+        assert np.abs(seen.joints - m).max() < 1e-12
+        assert np.array_equal(seen.vertices, deformer("contours", trunk)(seen.matrices))
+    stage.send("rotation", "trunk", "hanim_tailDef", [1, 0, 0, 0.5])
+    frame = stage.step()
+    assert stage.findings == ["trunk has no joint for hanim_tailDef: its rotation is passed through"]
+    assert [(e.name, e.value.tolist()) for e in frame.events] == [("hanim_tailDef", [1, 0, 0, 0.5])]
+    assert frame["trunk"] is frames[-1]
+    for bad in ([0, 1, 0, np.nan], [0, 1, 0], "x"):
+        with pytest.raises(VitruvianError, match="event hanim_vl5Def"):
+            stage.send("rotation", "trunk", "hanim_vl5Def", bad)
+
+
+def test_the_published_name_of_the_hip_is_known(body):
+    """`hanim_l_thighDef` is printed in the source; there is no such joint."""
+    stage = staged(body, l_thigh=[1, 0, 0, -0.8], r_thigh=[0, 0, 1, 0.3])
+    q = stage.step()["p"].rotation
+    for name, turn in (("l_hip", [1, 0, 0, -0.8]), ("r_hip", [0, 0, 1, 0.3])):
+        assert np.allclose(q[body.skeleton.index[name]], from_axis_angle(turn), atol=1e-15)
+    assert stage.findings == []
 
 
 def test_vertices_on_a_seam_move_with_it():

@@ -6,7 +6,6 @@ the bit. Source: cross-section deformation of H-Anim bodies, levels of detail as
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
-from vitruvian.deform.deformer import Deformer, deformer
 
 
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
@@ -97,57 +95,6 @@ def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
             for i in range(1, len(line) - 1):
                 out.append([line[0], line[i + 1], line[i]] if k == 0 else [line[0], line[i], line[i + 1]])
     return np.array(out, np.int32).reshape(-1, 3)
-
-
-class Levels:
-    """A contour body at several levels of detail, one of them active: only its points are computed.
-
-    Level 0 is the body itself. Levels and what is rigid may change at any time, between two frames.
-    """
-
-    def __init__(self, body: Body):
-        self.bodies = [body]
-        self.sources = [np.arange(len(body.skin.rest), dtype=np.int32)]
-        self.active = 0
-        self._off: frozenset[str] = frozenset()
-        self._made: dict[tuple[int, frozenset[str]], Deformer] = {}
-
-    def add(self, *, contours: int = 2, points: int = 2) -> int:
-        """Add a level, a subset of the body's contours and points (see `coarser`); its number."""
-        body, source = coarser(self.bodies[0], contours=contours, points=points)
-        self.bodies.append(body)
-        self.sources.append(source)
-        return len(self.bodies) - 1
-
-    def set_lod(self, level: int) -> None:
-        """Make a level the active one. Raises VitruvianError for one that does not exist."""
-        require(0 <= level < len(self.bodies), "level", f"0 to {len(self.bodies) - 1}", level)
-        self.active = level
-
-    def set_extremities(self, on: bool, names: Collection[str] | None = None) -> None:
-        """Switch the deformation of surfaces on, or off: these then follow their joints as rigid pieces. `names`: by
-        default the neck's."""
-        known = {s.name for s in self.bodies[0].contours}
-        chosen = {n for n in known if n.startswith("c")} if names is None else set(names)
-        require(known >= chosen, "surfaces", f"some of {', '.join(sorted(known))}", sorted(chosen - known))
-        self._off = self._off - chosen if on else self._off | chosen
-
-    @property
-    def body(self) -> Body:
-        """The active level's."""
-        return self.bodies[self.active]
-
-    @property
-    def source(self) -> Ints:
-        """(V,) which points of level 0 the active level has."""
-        return self.sources[self.active]
-
-    def __call__(self, matrices: Floats) -> NDArray[np.float32]:
-        """Points of the active level alone, for joint matrices as of `deform.deformer.Deformer`."""
-        key = (self.active, self._off)
-        if key not in self._made:
-            self._made[key] = deformer("contours", self.body, off=self._off)
-        return self._made[key](matrices)
 
 
 def _middles(body: Body, surface: Contours) -> Floats:
