@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vitruvian.body.contours import Contours, limb, spine_shares
+from vitruvian.body.contours import Contours, limb, spine_shares, steps
 from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import ContourSurface
@@ -102,6 +102,7 @@ def _limb(
     return limb(
         s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
         diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, winds), closed=s.closed,
+        at=steps(s.points),
     )  # fmt: skip
 
 

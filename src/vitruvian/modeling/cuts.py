@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skin
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling.slicing import Whole, frames, section
+from vitruvian.modeling.slicing import Rings, Whole, carried, frames, section
 from vitruvian.motion.names import VERTEBRAE, joint_index
 
 FRONT = np.array([0.0, 0.0, 1.0])
@@ -21,7 +21,7 @@ _STATURE = 1.45  # metres from ankle to skullbase of the figure that lengths in 
 _STEPS = 24  # places that are tried for the beginning of a limb
 _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
-_CLEAR = 0.008  # metres from where a limb is first clear of the trunk to its first contour
+CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
 
 Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 
@@ -53,6 +53,8 @@ class Cuts:
         welded = _weld(skin.rest, 1e-6 * self.scale)
         morphs = tuple(_welded(m, welded) for m in skin.morphs)
         self.body = replace(body, skin=replace(skin, triangles=welded[skin.triangles], morphs=morphs))
+        self.corners = skin.triangles  # as they were: points at one place may have several colours
+        self.part = np.repeat(np.arange(len(skin.parts)), [p.stop - p.start for p in skin.parts])
         self.segmented = self._segmented()
         self.region = self._regions()
         chosen = np.ones(len(skin.triangles), bool)
@@ -67,6 +69,15 @@ class Cuts:
     @property
     def skin(self) -> Skin:
         return self.body.skin
+
+    def colored(self, loops: Rings) -> Floats | None:
+        """(C,P,3) colours of contours' points, None where the skin has none."""
+        return None if self.skin.colors is None else carried(loops, self.skin.colors, self.corners)
+
+    def mapped(self, loops: Rings) -> Floats | None:
+        """(C,P,2) texture coordinates of contours' points, None where the skin has none."""
+        corners = self.skin.uv_triangles
+        return None if self.skin.uv is None or corners is None else carried(loops, self.skin.uv, corners)
 
     def at(self, name: str) -> Floats:
         return self.centers[self.index[name]]
@@ -136,7 +147,7 @@ class Cuts:
                 met = np.isin(cut.loop, cut.round)
                 least = float(np.quantile(share[faces[cut.face[met]]].mean(axis=1), 0.1))
                 if least > most:
-                    best, most = (center + _CLEAR * self.scale * bone, normal), least
+                    best, most = (center + CLEAR * self.scale * bone, normal), least
                 if least >= _WHOLE:
                     return best
         return best

@@ -18,20 +18,25 @@ from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, requir
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
     """A body with every `contours`-th contour and every `points`-th point of each, and (V',) which vertices it kept.
 
-    Seams, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours still
-    meet and bend in the same places. What is not organised in contours stays as it is.
+    Seams, hems, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours
+    still meet and bend in the same places. What is not organised in contours stays as it is.
     """
     require(contours >= 1 and points >= 1, "level of detail", "steps of 1 or more", (contours, points))
     require(bool(body.contours), "level of detail", "a body with contours", "none")
     skin = body.skin
-    owned = np.zeros(len(skin.rest), bool)
+    owner, row = np.full(len(skin.rest), -1), np.full(len(skin.rest), -1)
     kept = np.ones(len(skin.rest), bool)
-    grids = []
-    for surface in body.contours:
-        owned[surface.vertices] = True
+    grids, hems = [], [[0] for _ in body.contours]
+    for number, surface in enumerate(body.contours):
+        owner[surface.vertices], row[surface.vertices] = number, np.arange(len(surface))[:, None]
+        row[surface.tied[:, 0]] = surface.tied[:, 1]
         kept[surface.vertices] = False
-    for surface in body.contours:
-        rows, columns = _rows(surface, contours), _columns(surface, points)
+    for part in skin.parts:
+        faces = skin.triangles[part.start : part.stop]
+        if len(faces) and (owner[faces] >= 0).all():
+            hems[owner[faces[0, 0]]] += [int(row[faces].min()) + k for k in (-1, 0, 1)]
+    for surface, edges in zip(body.contours, hems, strict=True):
+        rows, columns = _rows(surface, contours, edges), _columns(surface, points)
         grids.append((surface, rows, columns))
         kept[surface.vertices[np.ix_(rows, columns)]] = True
     source = np.flatnonzero(kept)
@@ -39,16 +44,16 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
     parts: list[Part] = []
-    owner = np.full(len(skin.rest), -1)
-    for number, (surface, _, _) in enumerate(grids):
-        owner[surface.vertices] = number
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
-        if len(faces) and owned[faces].all():
+        if len(faces) and (owner[faces] >= 0).all():
             surface, rows, columns = grids[owner[faces[0, 0]]]
-            faces = grid(place[surface.vertices[np.ix_(rows, columns)]].astype(np.int32), surface.closed)
-            faces = np.concatenate([faces, place[_fringe(skin.rest, surface, columns)].astype(np.int32)])
+            first, last = (int(f(row[faces])) for f in (np.min, np.max))
+            mine = rows[(rows >= first) & (rows <= last)]
+            fringe = [f for f in _fringe(skin.rest, surface, columns) if first <= row[f].min() and row[f].max() <= last]
+            faces = grid(place[surface.vertices[np.ix_(mine, columns)]].astype(np.int32), surface.closed)
+            faces = np.concatenate([faces, place[np.array(fringe, np.int64).reshape(-1, 3)].astype(np.int32)])
         else:
             faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)
         triangles.append(faces)
@@ -101,10 +106,12 @@ def _middles(body: Body, surface: Contours) -> Floats:
     return surface.middle if surface.middle is not None else body.skin.rest[surface.vertices].mean(axis=1)
 
 
-def _rows(surface: Contours, step: int) -> NDArray[np.int64]:
-    """Contours that are kept: every `step`-th, the seams, and where the shares of a joint begin or stop to change."""
+def _rows(surface: Contours, step: int, edges: list[int]) -> NDArray[np.int64]:
+    """Contours that are kept: every `step`-th, the seams, `edges`, and where the shares of a joint begin or stop to
+    change."""
     count = len(surface)
     keep = np.zeros(count, bool)
+    keep[[k for k in edges if 0 < k < count]] = len(edges) > 4
     keep[::step] = keep[[0, -1]] = True
     changing = np.abs(np.diff(surface.swing, axis=0)) > 1e-12
     for column in changing.T:
