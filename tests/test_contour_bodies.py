@@ -7,7 +7,7 @@ import pytest
 
 import vitruvian as vt
 from test_contours import exact, posed, spine, tube
-from vitruvian.body.contours import distal_shares, limb_parameters, own_shares, zone_counts, zone_lengths
+from vitruvian.body.contours import distal_shares, limb, limb_parameters, own_shares, steps, zone_counts, zone_lengths
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin
 from vitruvian.deform import contours as operator
@@ -239,3 +239,117 @@ def test_vertices_on_a_seam_move_with_it():
     assert np.array_equal(out[n:], out[ring])
     assert np.abs(exact(b, m)[ring] - out[ring]).max() < 1e-6
     assert operator.ROUND < 1
+
+
+@pytest.fixture(scope="module")
+def clothed():
+    return contoured(vt.person(gender=0, outfit="t-shirt and shorts"), density=0.75)
+
+
+def bands(humanoid):
+    return {c.name: [(k, m.name) for k, m in c.bands] for s in humanoid.segments() for c in s.contours if c.bands}
+
+
+def test_hems_are_lines_between_contours(clothed):
+    """Cloth above, skin below, four contours at the edge; shoes and collars are left to the skin."""
+    found = bands(clothed.humanoid)
+    assert {n: [m for _, m in b] for n, b in found.items()} == {
+        f"{side}_{limb}_def": [cloth, "skin"]
+        for side in "lr"
+        for limb, cloth in (("upperarm", "top"), ("thigh", "shorts"))
+    }
+    body = vt.pack(clothed.humanoid)
+    names = {p.name for p in body.skin.parts}
+    assert {"l_thigh_def shorts", "l_thigh_def skin", "l_calf_def skin", "shoes", "top"} <= names
+    for c in (c for s in clothed.humanoid.segments() for c in s.contours if c.bands):
+        k = c.bands[1][0]
+        middle = c.points.mean(axis=1)
+        wide = np.linalg.norm(c.points - middle[:, None], axis=2).mean(axis=1)
+        way = np.linalg.norm(np.diff(middle, axis=0), axis=1)
+        assert wide[k - 1] > wide[k] + 0.002  # the garment stands off
+        assert way[k - 2 : k + 1].max() < 0.008 < np.median(way)
+        red, _, blue = np.moveaxis(c.colors, 2, 0)  # no colour runs into the other
+        assert (blue[:k] > red[:k]).all() and (red[k + 1 :] > blue[k + 1 :] + 0.1).all()
+        edge = c.points[k - 1]
+        plane = np.linalg.svd(edge - edge.mean(axis=0))[2][2]
+        assert np.abs((edge - edge.mean(axis=0)) @ plane).max() < 0.006  # nor zigzags
+    assert all(t.gap == 0 for t in trials(clothed.humanoid, names=("hips 90", "elbows 135", "arms forward 150")))
+
+
+@pytest.mark.parametrize("kind", [".x3d", ".wrl", ".x3dj"])
+def test_bands_are_written_and_read(clothed, kind, tmp_path):
+    vt.save(clothed.humanoid, tmp_path / f"p{kind}")
+    again = vt.load(tmp_path / f"p{kind}")
+    assert bands(again) == bands(clothed.humanoid)
+    parts = [
+        [(p.name, p.stop - p.start) for p in vt.pack(h).skin.parts if "_def" in p.name]
+        for h in (clothed.humanoid, again)
+    ]
+    assert parts[0] == parts[1] and len(parts[0]) == 15
+
+
+def test_bands_that_do_not_fit_are_named(clothed, tmp_path):
+    vt.save(clothed.humanoid, tmp_path / "p.x3d")
+    text = (tmp_path / "p.x3d").read_text()
+    first = next(b for b in bands(clothed.humanoid).values())[1][0]
+    assert f"value='0 {first}'" in text
+    (tmp_path / "p.x3d").write_text(text.replace(f"value='0 {first}'", "value='0 999'"))
+    with pytest.raises(VitruvianError, match="bands: expected rising contours from 0 on"):
+        vt.load(tmp_path / "p.x3d")
+    whole = clothed.humanoid.copied()
+    surface = next(c for s in whole.segments() for c in s.contours if c.bands)
+    surface.bands = ((3, surface.material),)
+    with pytest.raises(VitruvianError, match="bands: expected rising contours from 0"):
+        vt.pack(whole)
+
+
+def test_coarse_levels_keep_hems(clothed):
+    body = vt.pack(clothed.humanoid)
+    small, source = coarser(body, contours=8, points=2)
+    assert np.array_equal(small.skin.rest, body.skin.rest[source])
+    for name in ("l_thigh_def", "r_upperarm_def"):
+        full, few = (next(s for s in b.contours if s.name == name) for b in (body, small))
+        start = bands(clothed.humanoid)[name][1][0]
+        kept = [int(np.flatnonzero(full.vertices[:, 0] == source[v])[0]) for v in few.vertices[:, 0]]
+        assert {start - 1, start} <= set(kept) and len(kept) < len(full)
+        cloth, skin = ([p for p in small.skin.parts if p.name.startswith(name)][n] for n in (0, 1))
+        rows = [np.isin(few.vertices, small.skin.triangles[p.start : p.stop]).any(axis=1) for p in (cloth, skin)]
+        assert np.flatnonzero(rows[0])[-1] == np.flatnonzero(rows[1])[0] == kept.index(start)
+
+
+def test_crowded_contours_do_not_bend_or_wind_the_limb_in_one_place():
+    """Ramps count contours; those of a hem count for as much of the limb as they take."""
+    b, points = tube(count=15, ramp=6)
+    rings_ = points[0]
+    crowded = np.concatenate(
+        [rings_[:10], [0.9 * rings_[9] + 0.1 * rings_[10], 0.8 * rings_[9] + 0.2 * rings_[10]], rings_[10:]]
+    )
+    at = steps(crowded)
+    assert np.array_equal(steps(rings_), np.arange(15)) and at[9:13] == pytest.approx([9, 9.2, 9.4, 10.4])
+    plain, dense = distal_shares(15, 6), distal_shares(17, 8, at=at)
+    assert np.abs(np.diff(dense)).max() < 1.1 * np.diff(plain).max()
+    numbers = np.arange(17 * 16).reshape(17, 16)
+    wound = limb("s", numbers, 0, 1, lower=8, spread=(True, True), axes=np.tile([0, -1.0, 0], (2, 1)), at=at)
+    assert np.diff(wound.twist, axis=0).max() < 1.1 / at[-1] and np.allclose(wound.twist[[0, -1]], [[0, 0], [1, 1]])
+
+
+def test_raised_legs_leave_the_crotch_and_the_other_leg(body):
+    """Hips: the lower half of the pelvis goes with the thighs, the upper with the trunk, the crotch stays between."""
+    centers, index = body.skeleton.centers, body.skeleton.index
+    hips = [centers[index[f"{side}_hip"]] for side in "lr"]
+    rest = body.skin.rest
+    near = (
+        (np.abs(rest[:, 0] - hips[0][0] / 2 - hips[1][0] / 2) < 0.004) & (rest[:, 1] < hips[0][1]) & (rest[:, 1] > 0.7)
+    )
+    near &= np.isin(np.arange(len(rest)), _bare(body).skin.triangles)
+    crotch = np.flatnonzero(near)
+    assert len(crotch) > 5
+    move = deformer("contours", body)
+    both = move(posed(body.skeleton, l_hip=[1, 0, 0, -np.pi / 2], r_hip=[1, 0, 0, -np.pi / 2]))
+    thigh = {s.name: s.vertices for s in body.contours}
+    far = np.linalg.norm(both - rest, axis=1)
+    assert np.median(far[crotch]) < 0.04 and far[thigh["l_thigh_def"][0]].mean() > 0.08
+    left = move(posed(body.skeleton, l_hip=[1, 0, 0, -np.pi / 2]))
+    still = move(posed(body.skeleton))
+    for name in ("r_thigh_def", "r_calf_def", "l5_front_def"):
+        assert np.array_equal(left[thigh[name]], still[thigh[name]])
