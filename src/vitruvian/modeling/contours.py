@@ -23,9 +23,9 @@ from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
-from vitruvian.modeling.cuts import CLEAR, FRONT, Cuts, unit
+from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
 from vitruvian.modeling.hems import clear, hemmed
-from vitruvian.modeling.slicing import Rings, rings
+from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
@@ -67,8 +67,7 @@ def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, 
             _passed(cuts, missing)
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
     error = _error(cuts.body, [m.surface for m in made])
-    pieces = None if cuts.segmented else _pieces(cuts, made)
-    return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error, cuts.scale)
+    return ContourBody(_assembled(humanoid, made, _pieces(cuts, made), cuts), error, cuts.scale)
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,10 @@ LIMBS = (
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A surface, the joint it hangs on, and its ends: the loops of `rings` at its planes, -1 where it ends in no skin.
-    `bands`: where it shows several parts of the skin, the contour from which on and the number of each."""
+    """A surface, the joint it hangs on, and where it was sliced: `rings`, planes and directions.
+
+    `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`. `bands`:
+    where it shows several parts of the skin, the contour from which on and the number of each."""
 
     joint: int
     surface: ContourSurface
@@ -106,6 +107,7 @@ class Made:
     axis: Floats
     angles: Floats
     ends: tuple[bool, bool] = (False, False)
+    regions: tuple[int, int] = (0, 0)
     bands: tuple[tuple[int, int], ...] = ()
 
 
@@ -175,8 +177,10 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
     for under, edge in shaded:
         if surface.colors is not None:
             surface.colors[under] = _SHADE * surface.colors[edge]
-    sewn = (top, not top) if not cuts.segmented else (False, False)
-    return Made(cuts.index[near], surface, made, centers, normal, angles, sewn, bands if len(bands) > 1 else ())
+    sewn, regions = (top, not top), (spec.code + number, spec.code + number + 2)
+    return Made(
+        cuts.index[near], surface, made, centers, normal, angles, sewn, regions, bands if len(bands) > 1 else ()
+    )
 
 
 def _passed(cuts: Cuts, error: VitruvianError) -> None:
@@ -214,8 +218,8 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             f"l5_{name}_def", loops.points[:, which], closed=False, lower=2 if cuts.segmented else 0,
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
-        ends = name == "front" and not cuts.segmented
-        out.append(Made(joint, surface, loops, centers, axis, around, (ends, ends)))
+        ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10)))
     return out
 
 
@@ -248,8 +252,7 @@ def _neck(cuts: Cuts, density: float) -> list[Made]:
     name = tables.canonical(cuts.body.skeleton.names[joint]) or "c7"
     segment = tables.joints()[name].segment if name in tables.joints() else "c7"
     surface = ContourSurface(f"{segment}_def", made.points, colors=cuts.colored(made), uv=cuts.mapped(made))
-    sewn = not cuts.segmented
-    return [Made(joint, surface, made, centers, axis, around, (sewn, sewn))]
+    return [Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2)]
 
 
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
@@ -260,10 +263,15 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     ]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
     cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners)
-    loops = [_loop(cuts, m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
+    ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
+    loops = [_loop(cuts, *one) for one in ends]
+    if cuts.segmented:
+        met = [_met(cuts, loop, m.regions[end]) for loop, (m, _, end) in zip(loops, ends, strict=True)]
+        loops = [loop for loop in met if loop is not None]
     for loop in loops:
         cloth.cut(loop)
-    cloth.without(_gone(cuts, cloth, made))
+    gone = _gone(cuts, cloth, made)
+    cloth.without(gone | cloth.capped(loops) if cuts.segmented else gone)
     rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
     table = np.zeros((len(weights), len(skeleton)))
     table[weights.vertex, weights.joint] = weights.weight
@@ -280,9 +288,22 @@ def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
     name = f"{made.surface.name} {'first' if end == 0 else 'last'}"
     return Loop(
         name, made.centers[k], made.axis[k], FRONT, made.angles, ring, -1 if end == 0 else 1,
-        min(0.16 * size, 0.8 * CLEAR * cuts.scale), 0.8 * size,
-        joints, weights[k],
+        min(0.16 * size, 0.8 * CLEAR * cuts.scale), 0.8 * size, joints, weights[k],
     )  # fmt: skip
+
+
+def _met(cuts: Cuts, loop: Loop, code: int) -> Loop | None:
+    """The loop of a figure in segments, to be sewn to the segment beyond it, of region `code`, which is cut where it first
+    goes all round; None where none does, which is said."""
+    mine = np.zeros(len(cuts.skin.triangles), bool)
+    mine[cuts.triangles(code)] = True
+    for gap in loop.gap * np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0]):
+        found = replace(loop, gap=float(gap), only=mine)
+        if len(section(cuts.skin.rest, cuts.skin.triangles[mine], found.beyond, loop.axis, FRONT).round):
+            return found
+    if code in OUTER:
+        warn(f"contours {loop.name}: no segment beyond it to sew it to")
+    return None
 
 
 def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
@@ -298,7 +319,7 @@ def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
 
 def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> NDArray[np.bool_]:
     """(n,) which places (n,3) of these regions (n,) lie between the planes of a surface in contours."""
-    slack = 0.01 * cuts.scale
+    slack = 0.0 if cuts.segmented else 0.01 * cuts.scale
     beyond = lambda name: (places - cuts.planes[name][0]) @ cuts.planes[name][1]  # noqa: E731
     names = {m.surface.name for m in made}
     zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")] if "l5_front_def" in names else []
@@ -314,7 +335,7 @@ def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> ND
     return inside
 
 
-def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | None, cuts: Cuts) -> Humanoid:
+def _assembled(humanoid: Humanoid, made: list[Made], pieces: Skin, cuts: Cuts) -> Humanoid:
     """The humanoid with contour surfaces in its Segments, and the pieces as its skin."""
     copies = {id(j): replace(j, joints=[], segments=[replace(s, shapes=[], displacers=[], contours=[]) for s in j.segments],
                              displacers=[], skin_coord_index=np.zeros(0, np.int32), skin_coord_weight=np.zeros(0))
@@ -325,16 +346,14 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     joints = [copies[id(j)] for j in order]
     for m in made:
         _segment(joints[m.joint]).contours.append(m.surface)
-    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
+    looks = {s.name or s.material.name: s.material for s in humanoid.skin}
+    looks |= {s.name or s.material.name or g.name: s.material for g in humanoid.segments() for s in g.shapes}
     for m in made:
         face = m.rings.face[m.rings.face >= 0]
         most = int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
         m.surface.material = _look(cuts.skin, most, looks)
         m.surface.bands = tuple((k, _look(cuts.skin, number, looks)) for k, number in m.bands)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
-    if pieces is None:
-        _keep_segments(cuts, made, order, joints)
-        return replace(humanoid, skeleton=skeleton, node=None, scene=None)
     weights = pieces.weights
     for number, joint in enumerate(joints):
         mine = weights.joint == number
@@ -355,36 +374,11 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     )  # fmt: skip
 
 
-def _keep_segments(cuts: Cuts, made: list[Made], order: list[Joint], joints: list[Joint]) -> None:
-    """Segments of a figure in pieces that no contours stand for stay as they are."""
-    region = np.zeros(len(order), np.int64)
-    weights = cuts.body.skin.weights
-    for number in range(len(order)):
-        mine = weights.vertex[weights.joint == number]
-        region[number] = int(np.median(cuts.region[mine])) if len(mine) else 0
-    for number, (old, new) in enumerate(zip(order, joints, strict=True)):
-        for before, after in zip(old.segments, new.segments, strict=False):
-            for shape in before.shapes:
-                if shape.points is None or not len(shape.triangles):
-                    continue
-                points = np.asarray(shape.points, np.float64)
-                if shape.transform is not None:
-                    points = points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
-                middle = points[shape.triangles].mean(axis=1)
-                if _inside(cuts, made, middle, np.full(len(middle), region[number])).mean() < 0.6:
-                    after.shapes.append(shape)
-            after.displacers = list(before.displacers) if after.shapes else []
-
-
 def _segment(joint: Joint) -> Segment:
     if not joint.segments:
         known = tables.canonical(joint.name)
         joint.segments.append(Segment(tables.joints()[known].segment if known else f"{joint.name}_segment"))
     return joint.segments[0]
-
-
-def _shapes(humanoid: Humanoid) -> list[Shape]:
-    return [*humanoid.skin, *(shape for s in humanoid.segments() for shape in s.shapes)]
 
 
 def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:

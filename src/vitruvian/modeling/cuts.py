@@ -23,6 +23,8 @@ _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the firs
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
 CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
 
+OUTER = (4, 5, 8, 9, 10)  # regions of hands, feet and pelvis
+
 Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 
 
@@ -50,7 +52,7 @@ class Cuts:
         self.scale = float(height) / _STATURE
         self.shoulders = shoulders
         skin = body.skin
-        welded = _weld(skin.rest, 1e-6 * self.scale)
+        welded = _weld(skin.rest, 1e-6 * self.scale, skin.weights.top(1)[0][:, 0])
         morphs = tuple(_welded(m, welded) for m in skin.morphs)
         self.body = replace(body, skin=replace(skin, triangles=welded[skin.triangles], morphs=morphs))
         self.corners = skin.triangles  # as they were: points at one place may have several colours
@@ -198,7 +200,7 @@ class Cuts:
         self.base = base
         if self.segmented:
             used = self.skin.rest[np.unique(faces)]
-            top = float(min(base[1], used[:, 1].max() - 0.01 * s))
+            top = float(min(base[1], used[:, 1].max()) - 0.03 * s)  # below the collar
             low = max(float(self.hips[1]), float(used[:, 1].min()) + 0.01 * s)
             self.planes["top"], self.planes["vl5"] = (middle(top), down), (middle(low), down)
         else:
@@ -242,11 +244,12 @@ class Cuts:
         return out
 
 
-def _weld(rest: Floats, tolerance: float) -> NDArray[np.int32]:
-    """(V,) the first vertex at the place of each."""
+def _weld(rest: Floats, tolerance: float, owner: Ints) -> NDArray[np.int32]:
+    """(V,) the first vertex at the place of each that the same joint (V,) holds."""
     if not len(rest):
         return np.zeros(0, np.int32)
-    _, first, where = np.unique(np.round(rest / tolerance), axis=0, return_index=True, return_inverse=True)
+    key = np.concatenate([np.round(rest / tolerance), owner[:, None]], axis=1)
+    _, first, where = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return first[where.reshape(-1)].astype(np.int32)
 
 

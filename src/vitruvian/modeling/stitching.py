@@ -23,7 +23,8 @@ class Loop:
 
     angles (P,): of its points in the plane from `forward` on. The skin is on the side that the axis points to (`side`
     1) or on the other (-1), and is cut `gap` (m) beyond the contour. joints (n,) and weights (n,): how the contour
-    moves, said as skin weights; over `reach` (m) the skin's own weights become those.
+    moves, said as skin weights; over `reach` (m) the skin's own weights become those. only (T,): triangles of
+    the skin that may be cut, None for all.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Loop:
     reach: float
     joints: Ints
     weights: Floats
+    only: Mask | None = None
 
     @property
     def beyond(self) -> Floats:
@@ -62,7 +64,7 @@ class Cloth:
 
     def cut(self, loop: Loop) -> None:
         """Divide the triangles along the plane beyond a contour."""
-        chosen = np.flatnonzero(self.free)
+        chosen = np.flatnonzero(self.free if loop.only is None else self.free & loop.only[self.origin])
         found = section(self.rest, self.triangles[chosen], loop.beyond, loop.axis, loop.forward)
         faces = chosen[np.unique(found.face[np.isin(found.loop, found.round)])]
         d = (self.rest - loop.beyond) @ loop.axis
@@ -137,6 +139,20 @@ class Cloth:
             (np.ones(int(some.sum())), (face[some], count + number[some])), shape=(count + len(keys),) * 2
         )
         return connected_components(graph, directed=False)[1][:count].astype(np.int64)
+
+    def capped(self, loops: list[Loop]) -> Mask:
+        """(T,) triangles of pieces that lie on the contours' side of a cut that they end at: lids of closed segments."""
+        piece, corners = self.pieces(), self.rest[self.triangles]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-15
+        out = np.zeros(len(self.triangles), bool)
+        for on, loop in zip(self.on, loops, strict=True):
+            here = np.zeros(len(self.rest), bool)
+            here[: len(on)] = on
+            touching = np.isin(piece, piece[here[self.triangles].any(axis=1)])
+            height = loop.side * ((corners.mean(axis=1) - loop.beyond) @ loop.axis)
+            mean = np.bincount(piece, area * height) / np.bincount(piece, area)
+            out |= touching & (mean[piece] < 0)
+        return out
 
     def without(self, gone: Mask) -> None:
         """Take triangles (T,) out."""
