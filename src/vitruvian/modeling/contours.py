@@ -24,7 +24,7 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
-from vitruvian.modeling.hems import clear, hemmed
+from vitruvian.modeling.hems import Hemmed, clear, hemmed
 from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 
@@ -157,10 +157,10 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
     if share < 1:
         end, last, length = start + share * (end - start), axis, share * length
         cuts.planes[far] = (end, last)
-    made, bands, shaded = sliced(s), ((0, 0),), ()
+    found = Hemmed(s, sliced(s))
     if not cuts.segmented:
-        found = hemmed(sliced, s, made, cuts.skin.rest, cuts.skin.triangles, cuts.part, length, cuts.scale)
-        s, made, bands, shaded, count = found.s, found.rings, found.bands, found.shaded, len(found.s)
+        found = hemmed(sliced, s, found.rings, cuts.skin.rest, cuts.skin.triangles, cuts.part, length, cuts.scale)
+    s, made, bands, count = found.s, found.rings, found.bands, len(found.s)
     centers, normal = planes(s)
     inward = 0.08 * np.arange(fixed, 0, -1)[:, None, None]  # what stands in the trunk stays below its surface
     made.points[:fixed] += inward * (made.points[:fixed].mean(axis=1, keepdims=True) - made.points[:fixed])
@@ -174,7 +174,7 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
         extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=cuts.colored(made),
         uv=cuts.mapped(made),
     )  # fmt: skip
-    for under, edge in shaded:
+    for under, edge in found.shaded:
         if surface.colors is not None:
             surface.colors[under] = _SHADE * surface.colors[edge]
     sewn, regions = (top, not top), (spec.code + number, spec.code + number + 2)
@@ -225,7 +225,7 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
 
 def _neck(cuts: Cuts, density: float) -> list[Made]:
     """From the skull's plane to the base of the neck."""
-    if "skullbase" not in cuts.planes:
+    if "skullbase" not in cuts.planes or (cuts.segmented and not cuts.neck):
         return []
     points, count = max(6, round(24 * density)), max(6, round(9 * density))
     (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
@@ -242,7 +242,7 @@ def _neck(cuts: Cuts, density: float) -> list[Made]:
         )  # fmt: skip
 
     if not cuts.segmented:  # a collar is left to the trunk
-        share = clear(sliced, cuts.part, _CUFF * cuts.scale / float(np.linalg.norm(base - skull)))
+        share = clear(sliced, cuts.part, _CUFF * cuts.scale / float(np.linalg.norm(base - skull)), 0.4)
         base, low = (p[0] for p in planes(np.array([share])))
         cuts.planes["neck"] = (base, low)
     s = np.linspace(0, 1, count)

@@ -190,14 +190,14 @@ class Cuts:
         s = self.scale
         middle = lambda y: np.array([self.hips[0], y, self.depth(y)])  # noqa: E731
         high = self.shoulders[1]
-        base = (
-            self.centers[self.neck[0]]
-            if self.neck
-            else self.centers[self.index["skullbase"]]
-            if "skullbase" in self.index
-            else self.shoulders + [0, 0.1 * s, 0]
-        )  # noqa: E501
-        self.base = base
+        if self.neck:
+            base = self.centers[self.neck[0]]
+        elif "skullbase" in self.index:  # no joint says where the neck begins
+            base = self.at("skullbase")
+            if not self.segmented:
+                base = (base + [self.hips[0], high, self.depth(high)]) / 2
+        else:
+            base = self.shoulders + [0, 0.1 * s, 0]
         if self.segmented:
             used = self.skin.rest[np.unique(faces)]
             top = float(min(base[1], used[:, 1].max()) - 0.03 * s)  # below the collar

@@ -26,7 +26,8 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     skin = body.skin
     owner, row = np.full(len(skin.rest), -1), np.full(len(skin.rest), -1)
     kept = np.ones(len(skin.rest), bool)
-    grids, hems = [], [[0] for _ in body.contours]
+    grids: list[tuple[Contours, NDArray[np.int64], NDArray[np.int64]]] = []
+    hems: list[list[int]] = [[] for _ in body.contours]
     for number, surface in enumerate(body.contours):
         owner[surface.vertices], row[surface.vertices] = number, np.arange(len(surface))[:, None]
         row[surface.tied[:, 0]] = surface.tied[:, 1]
@@ -34,7 +35,8 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
         if len(faces) and (owner[faces] >= 0).all():
-            hems[owner[faces[0, 0]]] += [int(row[faces].min()) + k for k in (-1, 0, 1)]
+            start = int(row[faces].min())
+            hems[owner[faces[0, 0]]] += [start - 1, start, start + 1] if start else []
     for surface, edges in zip(body.contours, hems, strict=True):
         rows, columns = _rows(surface, contours, edges), _columns(surface, points)
         grids.append((surface, rows, columns))
@@ -111,12 +113,12 @@ def _rows(surface: Contours, step: int, edges: list[int]) -> NDArray[np.int64]:
     change."""
     count = len(surface)
     keep = np.zeros(count, bool)
-    keep[[k for k in edges if 0 < k < count]] = len(edges) > 4
+    keep[[k for k in edges if 0 <= k < count]] = True
     keep[::step] = keep[[0, -1]] = True
     changing = np.abs(np.diff(surface.swing, axis=0)) > 1e-12
     for column in changing.T:
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(np.int8)))
-        keep[np.clip(edges, 0, count - 1)] = True
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(np.int8)))
+        keep[np.clip(ends, 0, count - 1)] = True
     return np.flatnonzero(keep)
 
 

@@ -29,7 +29,7 @@ class Hemmed:
 
     s: Floats
     rings: Rings
-    bands: tuple[tuple[int, int], ...]
+    bands: tuple[tuple[int, int], ...] = ()
     shaded: tuple[tuple[int, int], ...] = ()
 
 
@@ -137,10 +137,10 @@ def _on(fine: Rings, parts: Ints, places: Floats, part: int, at: Floats, rest: F
     return Rings(points, face, inside)
 
 
-def clear(sliced: Sliced, part: NDArray[np.int64], margin: float) -> float:
-    """Where a limb should end, at most 1: `margin` (share of its length) before the first edge of clothes in its last
-    third, so that shoes and cuffs there keep their layers."""
-    places = np.linspace(0.66, 1.0, 24)
+def clear(sliced: Sliced, part: NDArray[np.int64], margin: float, start: float = 0.66) -> float:
+    """Where a limb should end, at most 1: `margin` (share of its length) before the first edge of clothes after `start`,
+    so that shoes, cuffs and collars there keep their layers."""
+    places = np.linspace(start, 1.0, 24)
     parts = outermost(sliced(places), part)
     which = usual(parts)
     changed = np.flatnonzero((parts != which[0]) & (parts >= 0)) // parts.shape[1]

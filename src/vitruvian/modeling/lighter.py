@@ -155,13 +155,17 @@ def _resewn(faces: NDArray[np.int64], born: Ints, lost: Ints, rim: Ints) -> NDAr
     number = {int(v): n for n, v in enumerate(np.concatenate([born, lost]))}
     ahead, back = dict(rim.tolist()), dict(rim[:, ::-1].tolist())
     left, out = set(lost.tolist()), faces.tolist()
+
+    def beside(v: int, way: dict[int, int]) -> int:
+        """The number of the next point of the seam that is there."""
+        for _ in range(len(way)):
+            v = way.get(v, -1)
+            if v not in left:
+                break
+        return number.get(v, -1)
+
     for v in sorted(left):
-        a, b = back.get(v), ahead.get(v)
-        while a in left and a != v:
-            a = back.get(a)
-        while b in left and b != v:
-            b = ahead.get(b)
-        ends = (number.get(a), number.get(b))
+        ends = (beside(v, back), beside(v, ahead))
         for t, face in enumerate(out):
             corner = next((i for i in range(3) if (face[i], face[(i + 1) % 3]) == ends), None)
             if corner is not None:

@@ -191,7 +191,7 @@ def carried(loops: Rings, values: Floats, corners: Ints) -> Floats:
         good = np.flatnonzero(some[k])
         for c in range(out.shape[2] if 0 < len(good) < each else 0):
             out[k, :, c] = np.interp(np.arange(each), good, out[k, good, c], period=each)
-    for k in np.flatnonzero(~some.any(axis=1)) if len(whole) else ():
+    for k in np.flatnonzero(~some.any(axis=1)).tolist() if len(whole) else ():
         out[k] = out[whole[np.argmin(np.abs(whole - k))]]
     return out
 

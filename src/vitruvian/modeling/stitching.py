@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
+_ALIKE = 0.3  # how much of their weights points of two layers share
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,15 +251,18 @@ class Cloth:
         return np.concatenate([values, np.zeros((len(self.rest) - len(values), values.shape[1]))])
 
     def meet(self, table: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
-        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface."""
+        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface; layers that do
+        not hang together with it go with the nearest points that do."""
         from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import dijkstra
+        from scipy.sparse.csgraph import connected_components, dijkstra
+        from scipy.spatial import cKDTree
 
         t = self.triangles.astype(np.int64)
         edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
         length = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) + 1e-12
         order = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_index=True)[1]
         graph = coo_array((length[order], edges[order].T), shape=(len(self.rest),) * 2).tocsr()
+        layer = connected_components(graph, directed=False)[1]
         near = np.zeros((len(loops), len(self.rest)))
         own = np.zeros((len(loops), table.shape[1]))
         for n, (ring, loop) in enumerate(zip(rings, loops, strict=True)):
@@ -268,6 +272,15 @@ class Cloth:
                 far = dijkstra(graph, directed=False, indices=start, min_only=True, limit=loop.reach)
                 s = np.clip(1 - far / loop.reach, 0, 1)
                 near[n] = s * s * (3 - 2 * s)
+                reached = np.flatnonzero(np.isfinite(far) & table.any(axis=1))
+                others = np.flatnonzero(~np.isin(layer, layer[reached]))
+                away, which = cKDTree(self.rest[reached]).query(
+                    self.rest[others], distance_upper_bound=0.25 * loop.reach
+                )
+                inner = np.flatnonzero(np.isfinite(away))
+                one, other = others[inner], reached[which[inner]]
+                alike = np.minimum(table[one], table[other]).sum(axis=1) > _ALIKE  # a hand beside the hip is no layer
+                near[n, one[alike]] = near[n, other[alike]]
             np.add.at(own[n], loop.joints, loop.weights)
         rest = 1 - near
         kept = rest.prod(axis=0)
