@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats, Ints
 from vitruvian.modeling.slicing import Rings, barycentric
 
-_SLICES = 28  # across a hem: so finely it is looked for
+_SLICES = 24  # across a hem: so finely it is looked for
 _BRIM, _UNDER, _BEYOND = 0.004, 0.004, 0.002  # metres of a person: the garment's last strip, and how far in and out
 _APART = 0.008  # metres that other contours keep from those of a hem
 
@@ -140,7 +140,7 @@ def _on(fine: Rings, parts: Ints, places: Floats, part: int, at: Floats, rest: F
 def clear(sliced: Sliced, part: NDArray[np.int64], margin: float, start: float = 0.66) -> float:
     """Where a limb should end, at most 1: `margin` (share of its length) before the first edge of clothes after `start`,
     so that shoes, cuffs and collars there keep their layers."""
-    places = np.linspace(start, 1.0, 24)
+    places = np.linspace(start, 1.0, 18)
     parts = outermost(sliced(places), part)
     which = usual(parts)
     changed = np.flatnonzero((parts != which[0]) & (parts >= 0)) // parts.shape[1]
