@@ -7,16 +7,18 @@ import pytest
 
 import vitruvian as vt
 from test_contours import exact, posed, spine, tube
-from vitruvian.body.contours import distal_shares, limb_parameters, own_shares, zone_counts, zone_lengths
+from vitruvian.body.contours import distal_shares, limb, limb_parameters, own_shares, steps, zone_counts, zone_lengths
+from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin
 from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
-from vitruvian.deform.interception import Interceptor
 from vitruvian.deform.quality import _boundary, _weld
 from vitruvian.errors import VitruvianError, VitruvianWarning
 from vitruvian.modeling.contours import contoured, tuned
-from vitruvian.modeling.detail import Levels
+from vitruvian.modeling.detail import coarser
 from vitruvian.modeling.trials import _bare, trials
+from vitruvian.motion.names import joint_index
+from vitruvian.stage.actor import Actor
 
 
 @pytest.fixture(scope="module")
@@ -50,16 +52,43 @@ def test_no_hard_pose_opens_a_seam_by_a_bit(made):
     assert found["knees 120"].folds == 0 and found["wrists twisted 150"].folds == 0
 
 
-def test_a_figure_in_segments_becomes_one_with_contours(shared):
-    for name, surfaces in (("JinLOA1.x3d", 11), ("NancyPrototypes.wrl", 10)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VitruvianWarning)
-            found = contoured(vt.load(str(shared / "data/hanim" / name)))
-            packed = vt.pack(found.humanoid)
-        assert len(packed.contours) >= surfaces
-        assert found.error[0] / found.scale < 0.004
-        left = sum(len(shape.triangles) for s in found.humanoid.segments() for shape in s.shapes)
-        assert left > 100  # head, hands and feet stay as they are
+@pytest.mark.parametrize(("name", "surfaces"), [("JinLOA1.x3d", 10), ("NancyPrototypes.wrl", 10)])
+def test_a_figure_in_segments_is_sewn_together(shared, name, surfaces):
+    """Hands, feet, pelvis and collar are cut where the contours end, and sewn to them point by point."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VitruvianWarning)
+        before = vt.load(str(shared / "data/hanim" / name))
+        found = contoured(before)
+    packed = vt.pack(found.humanoid)
+    assert len(packed.contours) >= surfaces and found.error[0] / found.scale < 0.004
+    by = {s.name: s for s in packed.contours}
+    for side in "lr":
+        for part in ("calf", "forearm"):
+            s = by[f"{side}_{part}_def"]
+            assert sorted(s.tied[s.tied[:, 1] == len(s) - 1, 0]) and len(s.tied) == s.vertices.shape[1]
+    for half in ("l5_front_def", "l5_back_def"):
+        assert set(by[half].tied[:, 1].tolist()) == {0, len(by[half]) - 1}
+    assert not any(len(shape.triangles) for s in found.humanoid.segments() for shape in s.shapes)  # all is one skin
+    loose = [p for p in packed.skin.parts if "_def" not in p.name]
+    assert sum(p.stop - p.start for p in loose) > 600
+    assert {p.color for p in loose} <= {p.color for p in vt.pack(before).skin.parts}
+    bent = {f"{s}_{j}": [1, 0, 0.3, a] for s in "lr" for j, a in (("radiocarpal", 0.9), ("talocrural", 0.5))} | {
+        "vl5": [1, 0, 0, 0.4]
+    }
+    names = joint_index(packed.skeleton.names)
+    m = posed(packed.skeleton, **{packed.skeleton.names[names[n]]: turn for n, turn in bent.items() if n in names})
+    out = deformer("contours", packed)(m)
+    for s in packed.contours:
+        rings = s.vertices[s.tied[:, 1]]
+        at = np.array(
+            [
+                r[np.argmin(np.abs(packed.skin.rest[r] - packed.skin.rest[v]).max(axis=1))]
+                for r, v in zip(rings, s.tied[:, 0])
+            ]
+        )
+        assert len(at) == 0 or np.array_equal(out[at], out[s.tied[:, 0]])
+    tried = trials(found.humanoid)
+    assert len(tried) >= 9 and all(t.gap == 0 and t.stretch < 4 and 0.95 < t.volume < 1.02 for t in tried)
 
 
 def test_parameters_are_edited_as_contours_and_as_lengths(made):
@@ -91,29 +120,71 @@ def test_weights_constant_on_contours_are_parameters(parameters):
         limb_parameters(bent)
 
 
-def test_levels_are_switched_and_added_while_running(body):
-    levels = Levels(body)
-    turns = {
-        "l_knee": [1, 0, 0, 1.4],
-        "r_shoulder": [0, 0, 1, -1.2],
-        "vc4": [0, 1, 0, 0.3],
-        "l_radiocarpal": [0, 1, 0, 1],
-    }
-    m = posed(body.skeleton, **turns)
-    full = levels(m)
-    coarse = levels.add(contours=2, points=2)
-    assert np.array_equal(levels(m), full)  # added, not yet active
-    levels.set_lod(coarse)
-    assert np.array_equal(levels(m), full[levels.source]) and len(levels.source) < len(full)
-    assert open_edges(_bare(levels.body).skin) == 0  # coarse contours meet what is sewn to all of their points
-    levels.set_lod(0)
-    levels.set_extremities(False)
-    assert np.array_equal(levels(np.tile(np.eye(4), (len(body.skeleton), 1, 1))), body.skin.rest.astype(np.float32))
-    assert not np.array_equal(levels(m), full)
-    levels.set_extremities(True)
-    assert np.array_equal(levels(m), full)
-    with pytest.raises(VitruvianError, match="level: expected 0 to 1"):
-        levels.set_lod(7)
+def staged(body, **turns):
+    stage = vt.Stage([Actor("p", body, deformer="contours")])
+    for name, turn in turns.items():
+        stage.send("rotation", "p", f"hanim_{name}Def", turn)
+    return stage
+
+
+TURNS = {"l_knee": [1, 0, 0, 1.4], "r_shoulder": [0, 0, 1, -1.2], "vc4": [0, 1, 0, 0.3], "l_radiocarpal": [0, 1, 0, 1]}
+
+
+def test_levels_are_added_and_switched_while_running(body):
+    stage = staged(body, **TURNS)
+    full = stage.step()["p"]
+    assert np.array_equal(full.vertices, deformer("contours", body)(posed(body.skeleton, **TURNS)))
+    small, source = coarser(body, contours=3, points=2)
+    stage.add_level("p", 5, small, source)
+    assert stage.step()["p"] is full  # added, not yet active
+    stage.send("level", "p", value=5)
+    coarse = stage.step()["p"]
+    assert np.array_equal(coarse.vertices, full.vertices[source]) and len(source) < len(full.vertices)
+    assert open_edges(_bare(small).skin) == 0  # coarse contours meet what is sewn to all of their points
+    stage.send("level", "p", value=0)
+    assert np.array_equal(stage.step()["p"].vertices, full.vertices)
+    with pytest.raises(VitruvianError, match="level of p: expected one of 0, 5, or a body with contours and 1 to 3"):
+        stage.send("level", "p", value=7)
+
+
+def test_a_finer_level_comes_while_running(body):
+    """A figure begins with few points; the others are sent on request, and nothing jumps when they are there."""
+    rough, kept = coarser(body, contours=4, points=2)
+    stage = staged(rough, **TURNS)
+    first = stage.step()["p"]
+    stage.send("level", "p", value=1)
+    roughest = stage.step()["p"]
+    stage.send("finer", "p", value=(body, kept))
+    hook = stage.intercept(lambda s, e: None, "finer")
+    assert stage.step()["p"] is roughest  # intercepted: all stays
+    stage.hooks.remove(hook)
+    stage.send("finer", "p", value=(body, kept))
+    frame = stage.step()
+    assert [e.kind for e in frame.events] == ["finer"] and sorted(stage.actors["p"].levels) == [0, 1, 2]
+    assert np.array_equal(frame["p"].vertices, roughest.vertices)
+    assert np.array_equal(body.skin.rest[frame["p"].source], roughest.body.skin.rest)
+    turned = [0.3, 0, 1, -1.0]
+    for level, size in ((1, len(kept)), (0, len(body.skin.rest)), (2, len(roughest.vertices))):
+        stage.send("level", "p", value=level)
+        same = stage.step()["p"]
+        assert len(same.vertices) == size
+        if level == 1:
+            assert np.array_equal(same.vertices, first.vertices)
+    stage.send("level", "p", value=0)
+    stage.send("rotation", "p", "hanim_r_elbowDef", turned)
+    whole = stage.step()["p"]
+    assert whole.source is None
+    assert np.array_equal(whole.vertices, deformer("contours", body)(posed(body.skeleton, **TURNS, r_elbow=turned)))
+    once = vt.Stage([Actor("p", rough, deformer="contours")])
+    once.send("finer", "p", value=(body, kept))
+    once.send("level", "p", value=0)  # both in one tick
+    assert len(once.step()["p"].vertices) == len(body.skin.rest)
+    with pytest.raises(VitruvianError, match="a body that has all points of the present one"):
+        stage.send("finer", "p", value=(body, np.roll(np.arange(len(body.skin.rest)), 1)))
+    with pytest.raises(VitruvianError, match="a Body and which of its vertices"):
+        stage.send("finer", "p", value=body)
+    with pytest.raises(VitruvianError, match="the same joints and displacers"):
+        stage.send("finer", "p", value=(tube()[0], np.arange(10)))
 
 
 def test_twists_as_first_published_are_rough_and_exact_ones_are_not():
@@ -134,24 +205,39 @@ def test_twists_as_first_published_are_rough_and_exact_ones_are_not():
     assert np.abs(same[0] - same[1]).max() < 1e-6
 
 
-def test_events_of_one_time_are_one_computation_and_nothing_is_released_before_its_points():
+def test_events_of_a_script_turn_joints_together_with_their_points():
+    """Names and values as a Script node gets them; ten of one time are one computation of the torso."""
     trunk = spine()
-    seen = []
-    box = Interceptor(deformer("contours", trunk), lambda points, turns: seen.append((points, turns)))
+    stage = vt.Stage([Actor("trunk", trunk, deformer="contours")])
+    start, begun = stage.workshop.computed, stage.frame
     for k, joint in enumerate(["vl5", "vt10", "vt6", "vt1"] * 2 + ["vl5", "vt1"]):
-        box.send(f"hanim_{joint}Def", [0, 1, 0, 0.1 * k], 1.0)
-    assert box.computed == 0 and not seen  # held back until the step ends
-    box.send("hanim_vt6Def", [0, 0, 1, 0.2], 1.04)
-    assert box.computed == 1 and set(seen[0][1]) == {"vl5", "vt10", "vt6", "vt1"}
-    box.end_of_step()
-    assert box.computed == 2
-    m = posed(trunk.skeleton, vl5=[0, 1, 0, 0.8], vt10=[0, 1, 0, 0.5], vt6=[0, 0, 1, 0.2], vt1=[0, 1, 0, 0.9])
-    assert np.array_equal(seen[-1][0], deformer("contours", trunk)(m))
-    box.send("hanim_tailDef", [1, 0, 0, 0.5], 2.0)
-    assert box.findings == ["no joint tail: its rotation is passed through"]
-    assert np.array_equal(seen[-1][1]["tail"], [1, 0, 0, 0.5]) and not len(seen[-1][0])
-    with pytest.raises(VitruvianError, match="4 finite numbers"):
-        box.set("vl5", [0, 1, 0, np.nan], 3.0)
+        stage.send("rotation", "trunk", f"hanim_{joint}Def", [0, 1, 0, 0.1 * k], time=0.1)
+    stage.send("rotation", "trunk", "vt6Def", [0, 0, 1, 0.2], time=0.2)
+    while stage.clock.total < 0.08:
+        assert stage.step()["trunk"] is begun["trunk"]  # held back until their time
+    frames = [stage.step()["trunk"] for _ in range(9)]
+    assert stage.workshop.computed == start + 2
+    for seen, vt6 in ((frames[0], [0, 1, 0, 0.6]), (frames[-1], [0, 0, 1, 0.2])):
+        m = posed(trunk.skeleton, vl5=[0, 1, 0, 0.8], vt10=[0, 1, 0, 0.5], vt6=vt6, vt1=[0, 1, 0, 0.9])
+        assert np.abs(seen.joints - m).max() < 1e-12
+        assert np.array_equal(seen.vertices, deformer("contours", trunk)(seen.matrices))
+    stage.send("rotation", "trunk", "hanim_tailDef", [1, 0, 0, 0.5])
+    frame = stage.step()
+    assert stage.findings == ["trunk has no joint for hanim_tailDef: its rotation is passed through"]
+    assert [(e.name, e.value.tolist()) for e in frame.events] == [("hanim_tailDef", [1, 0, 0, 0.5])]
+    assert frame["trunk"] is frames[-1]
+    for bad in ([0, 1, 0, np.nan], [0, 1, 0], "x"):
+        with pytest.raises(VitruvianError, match="event hanim_vl5Def"):
+            stage.send("rotation", "trunk", "hanim_vl5Def", bad)
+
+
+def test_the_published_name_of_the_hip_is_known(body):
+    """`hanim_l_thighDef` is printed in the source; there is no such joint."""
+    stage = staged(body, l_thigh=[1, 0, 0, -0.8], r_thigh=[0, 0, 1, 0.3])
+    q = stage.step()["p"].rotation
+    for name, turn in (("l_hip", [1, 0, 0, -0.8]), ("r_hip", [0, 0, 1, 0.3])):
+        assert np.allclose(q[body.skeleton.index[name]], from_axis_angle(turn), atol=1e-15)
+    assert stage.findings == []
 
 
 def test_vertices_on_a_seam_move_with_it():
@@ -181,3 +267,118 @@ def test_vertices_on_a_seam_move_with_it():
     assert np.array_equal(out[n:], out[ring])
     assert np.abs(exact(b, m)[ring] - out[ring]).max() < 1e-6
     assert operator.ROUND < 1
+
+
+@pytest.fixture(scope="module")
+def clothed():
+    return contoured(vt.person(gender=0, outfit="t-shirt and shorts"), density=0.75)
+
+
+def bands(humanoid):
+    return {c.name: [(k, m.name) for k, m in c.bands] for s in humanoid.segments() for c in s.contours if c.bands}
+
+
+def test_hems_are_lines_between_contours(clothed):
+    """Cloth above, skin below, four contours at the edge; shoes and collars are left to the skin."""
+    found = bands(clothed.humanoid)
+    assert {n: [m for _, m in b] for n, b in found.items()} == {
+        f"{side}_{limb}_def": [cloth, "skin"]
+        for side in "lr"
+        for limb, cloth in (("upperarm", "top"), ("thigh", "shorts"))
+    }
+    body = vt.pack(clothed.humanoid)
+    names = {p.name for p in body.skin.parts}
+    assert {"l_thigh_def shorts", "l_thigh_def skin", "l_calf_def skin", "shoes", "top"} <= names
+    for c in (c for s in clothed.humanoid.segments() for c in s.contours if c.bands):
+        k = c.bands[1][0]
+        middle = c.points.mean(axis=1)
+        wide = np.linalg.norm(c.points - middle[:, None], axis=2).mean(axis=1)
+        way = np.linalg.norm(np.diff(middle, axis=0), axis=1)
+        assert wide[k - 1] > wide[k] + 0.002  # the garment stands off
+        assert way[k - 2 : k + 1].max() < 0.008 < np.median(way)
+        red, _, blue = np.moveaxis(c.colors, 2, 0)  # no colour runs into the other
+        assert (blue[:k] > red[:k]).all() and (red[k + 1 :] > blue[k + 1 :] + 0.1).all()
+        edge = c.points[k - 1]
+        plane = np.linalg.svd(edge - edge.mean(axis=0))[2][2]
+        assert np.abs((edge - edge.mean(axis=0)) @ plane).max() < 0.006  # nor zigzags
+    assert all(t.gap == 0 for t in trials(clothed.humanoid, names=("hips 90", "elbows 135", "arms forward 150")))
+
+
+@pytest.mark.parametrize("kind", [".x3d", ".wrl"])
+def test_bands_are_written_and_read(clothed, kind, tmp_path):
+    vt.save(clothed.humanoid, tmp_path / f"p{kind}")
+    again = vt.load(tmp_path / f"p{kind}")
+    assert bands(again) == bands(clothed.humanoid)
+    parts = [
+        [(p.name, p.stop - p.start) for p in vt.pack(h).skin.parts if "_def" in p.name]
+        for h in (clothed.humanoid, again)
+    ]
+    assert parts[0] == parts[1] and len(parts[0]) == 15
+
+
+def test_bands_that_do_not_fit_are_named(clothed, tmp_path):
+    vt.save(clothed.humanoid, tmp_path / "p.x3d")
+    text = (tmp_path / "p.x3d").read_text()
+    first = next(b for b in bands(clothed.humanoid).values())[1][0]
+    assert f"value='0 {first}'" in text
+    (tmp_path / "p.x3d").write_text(text.replace(f"value='0 {first}'", "value='0 999'"))
+    with pytest.raises(VitruvianError, match="bands: expected rising contours from 0 on"):
+        vt.load(tmp_path / "p.x3d")
+    whole = clothed.humanoid.copied()
+    surface = next(c for s in whole.segments() for c in s.contours if c.bands)
+    kept, surface.bands = surface.bands, ((3, surface.material),)
+    with pytest.raises(VitruvianError, match="bands: expected rising contours from 0"):
+        vt.pack(whole)
+    surface.bands = kept
+
+
+def test_coarse_levels_keep_hems(clothed):
+    body = vt.pack(clothed.humanoid)
+    small, source = coarser(body, contours=8, points=2)
+    assert np.array_equal(small.skin.rest, body.skin.rest[source])
+    for name in ("l_thigh_def", "r_upperarm_def"):
+        full, few = (next(s for s in b.contours if s.name == name) for b in (body, small))
+        start = bands(clothed.humanoid)[name][1][0]
+        kept = [int(np.flatnonzero(full.vertices[:, 0] == source[v])[0]) for v in few.vertices[:, 0]]
+        assert {start - 1, start} <= set(kept) and len(kept) < len(full)
+        cloth, skin = ([p for p in small.skin.parts if p.name.startswith(name)][n] for n in (0, 1))
+        rows = [np.isin(few.vertices, small.skin.triangles[p.start : p.stop]).any(axis=1) for p in (cloth, skin)]
+        assert np.flatnonzero(rows[0])[-1] == np.flatnonzero(rows[1])[0] == kept.index(start)
+
+
+def test_crowded_contours_do_not_bend_or_wind_the_limb_in_one_place():
+    """Ramps count contours; those of a hem count for as much of the limb as they take."""
+    b, points = tube(count=15, ramp=6)
+    rings_ = points[0]
+    crowded = np.concatenate(
+        [rings_[:10], [0.9 * rings_[9] + 0.1 * rings_[10], 0.8 * rings_[9] + 0.2 * rings_[10]], rings_[10:]]
+    )
+    at = steps(crowded)
+    assert np.array_equal(steps(rings_), np.arange(15)) and at[9:13] == pytest.approx([9, 9.2, 9.4, 10.4])
+    plain, dense = distal_shares(15, 6), distal_shares(17, 8, at=at)
+    assert np.abs(np.diff(dense)).max() < 1.1 * np.diff(plain).max()
+    numbers = np.arange(17 * 16).reshape(17, 16)
+    wound = limb("s", numbers, 0, 1, lower=8, spread=(True, True), axes=np.tile([0, -1.0, 0], (2, 1)), at=at)
+    assert np.diff(wound.twist, axis=0).max() < 1.1 / at[-1] and np.allclose(wound.twist[[0, -1]], [[0, 0], [1, 1]])
+
+
+def test_raised_legs_leave_the_crotch_and_the_other_leg(body):
+    """Hips: the lower half of the pelvis goes with the thighs, the upper with the trunk, the crotch stays between."""
+    centers, index = body.skeleton.centers, body.skeleton.index
+    hips = [centers[index[f"{side}_hip"]] for side in "lr"]
+    rest = body.skin.rest
+    near = (
+        (np.abs(rest[:, 0] - hips[0][0] / 2 - hips[1][0] / 2) < 0.004) & (rest[:, 1] < hips[0][1]) & (rest[:, 1] > 0.7)
+    )
+    near &= np.isin(np.arange(len(rest)), _bare(body).skin.triangles)
+    crotch = np.flatnonzero(near)
+    assert len(crotch) > 5
+    move = deformer("contours", body)
+    both = move(posed(body.skeleton, l_hip=[1, 0, 0, -np.pi / 2], r_hip=[1, 0, 0, -np.pi / 2]))
+    thigh = {s.name: s.vertices for s in body.contours}
+    far = np.linalg.norm(both - rest, axis=1)
+    assert np.median(far[crotch]) < 0.04 and far[thigh["l_thigh_def"][0]].mean() > 0.08
+    left = move(posed(body.skeleton, l_hip=[1, 0, 0, -np.pi / 2]))
+    still = move(posed(body.skeleton))
+    for name in ("r_thigh_def", "r_calf_def", "l5_front_def"):
+        assert np.array_equal(left[thigh[name]], still[thigh[name]])

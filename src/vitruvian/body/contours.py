@@ -87,29 +87,43 @@ class Contours:
         return replace(self, swing=whole, twist=unsplit, diversion=nothing, mitre=nothing, bulge=nothing)
 
 
-def own_shares(count: int, *, fixed: int = 0, upper: int = 0, extra: int = 0, ramp: str = "linear") -> Floats:
+def steps(points: Floats) -> Floats:
+    """(C,) numbers of contours (C,P,3) as ramps count them: 0, 1, 2, ..., but contours that lie closer together than
+    half of what is usual on the surface, as those at a hem do, count for less in proportion."""
+    way = np.diff(_along(points))
+    usual = float(np.median(way)) if len(way) else 0.0
+    part = np.minimum(2 * way / usual, 1.0) if usual > 0 else np.ones(len(way))
+    return np.concatenate([[0.0], np.cumsum(part)])
+
+
+def own_shares(
+    count: int, *, fixed: int = 0, upper: int = 0, extra: int = 0, ramp: str = "linear", at: Floats | None = None
+) -> Floats:
     """(C,) the share of its own joint's rotation that each contour of a surface takes.
 
     The first `fixed` contours (FixedUpperDef) stay with the parent; over the next `upper` (UpperDef) the share grows to
     one, from a half at the seam when nothing is fixed; contours with an index below `extra` (ExtrContour) take all.
+    `at` (C,): see `steps`.
     """
-    k = np.arange(count, dtype=np.float64)
+    k = np.arange(count, dtype=np.float64) if at is None else at
     start = 0.0 if fixed else 0.5
     out = np.ones(count)
     if upper:
-        along = np.clip((k - fixed) / upper, 0.0, 1.0)
+        low, high = (float(k[min(n, count - 1)]) + max(n - count + 1, 0) for n in (fixed, fixed + upper))
+        along = np.clip((k - low) / (high - low), 0.0, 1.0)
         out = start + (1 - start) * _shape(along, ramp)
     out[:fixed] = 0.0
     out[:extra] = 1.0
     return out
 
 
-def distal_shares(count: int, lower: int, *, ramp: str = "linear") -> Floats:
+def distal_shares(count: int, lower: int, *, ramp: str = "linear", at: Floats | None = None) -> Floats:
     """(C,) the share of a distal joint's rotation: from nothing to a half over the last `lower` contours (LowerDef)."""
-    k = np.arange(count, dtype=np.float64)
+    k = np.arange(count, dtype=np.float64) if at is None else at
     if not lower:
         return np.zeros(count)
-    return 0.5 * _shape(np.clip((k - (count - 1 - lower)) / lower, 0.0, 1.0), ramp)
+    low = float(k[max(count - 1 - lower, 0)]) - max(lower - count + 1, 0)
+    return 0.5 * _shape(np.clip((k - low) / (k[-1] - low), 0.0, 1.0), ramp)
 
 
 def _shape(along: Floats, ramp: str) -> Floats:
@@ -190,6 +204,7 @@ def limb(
     axes: Floats | None = None,
     spread: tuple[bool, bool | None] = (False, None),
     closed: bool = True,
+    at: Floats | None = None,
 ) -> Contours:
     """A limb's surface on `joint` with the next joint `distal`, by the parameters of DefBody.
 
@@ -197,9 +212,10 @@ def limb(
     `spread` the part of a joint's rotation about its bone is spread evenly over all of a surface: (own, distal). The own
     joint's over this surface, so that a turned shoulder winds the upper arm instead of its seam; the distal one's over
     this surface too (True: a turned hand winds the forearm), or over the next one (False); None: it is not split.
-    Raises VitruvianError for parameters out of range.
+    `at` (C,): see `steps`. Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
+    at = np.arange(count, dtype=np.float64) if at is None else at
     title = f"contours {name}"
     for field, value in (("FixedUpperDef", fixed), ("UpperDef", upper), ("LowerDef", lower), ("ExtrContour", extra)):
         require(0 <= value <= count, f"{title}: {field}", f"0 to {count}, the number of contours", value)
@@ -209,16 +225,17 @@ def limb(
         warn(
             f"{title}: FixedUpperDef + UpperDef + LowerDef is {fixed + upper + lower}, more than {count} contours: overlap"
         )
-    own = own_shares(count, fixed=fixed, upper=upper, extra=extra, ramp=ramp)
+    own = own_shares(count, fixed=fixed, upper=upper, extra=extra, ramp=ramp, at=at)
     joints, swing = [joint], [own]
     if distal is not None:
         joints.append(distal)
-        swing.append(distal_shares(count, lower, ramp=ramp))
+        swing.append(distal_shares(count, lower, ramp=ramp, at=at))
     twist = np.full((count, len(joints)), np.nan)
     if spread[0]:
-        twist[:, 0] = np.clip((np.arange(count) - fixed) / max(count - 1 - fixed, 1), 0.0, 1.0)
+        first = float(at[min(fixed, count - 1)])
+        twist[:, 0] = np.clip((at - first) / max(float(at[-1]) - first, 1e-9), 0.0, 1.0)
     if spread[1] is not None and distal is not None:
-        twist[:, 1] = np.arange(count) / max(count - 1, 1) if spread[1] else 0.0
+        twist[:, 1] = at / max(float(at[-1]), 1e-9) if spread[1] else 0.0
     bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
     return Contours(
         name,

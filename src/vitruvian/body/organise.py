@@ -1,7 +1,7 @@
 """Editable contour surfaces to packed ones: which joints turn which contour, from DefBody's parameters and the names.
 
 Surfaces on the spine are a torso: the bend of each vertebra grows across its zone, its twist is spread from the bottom.
-Surfaces on the neck bend the same way and meet the skull half way. All others are limbs.
+Surfaces on the neck bend the same way and go with the skull where they meet it, for the face is bone. All others are limbs.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vitruvian.body.contours import Contours, limb, spine_shares
+from vitruvian.body.contours import Contours, limb, spine_shares, steps
 from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import ContourSurface
@@ -102,6 +102,7 @@ def _limb(
     return limb(
         s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
         diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, winds), closed=s.closed,
+        at=steps(s.points),
     )  # fmt: skip
 
 
@@ -154,7 +155,7 @@ def _neck(
         swing[:, : len(chain)], twist[:, : len(chain)] = bend * near, wind * near
         swing[0, : len(chain)] = twist[0, : len(chain)] = 1  # at the skull all of the neck is bent
     if skull is not None:
-        swing[:, -1] = 0.5 * along**2
+        swing[:, -1] = along**2
     return Contours(s.name, joint, numbers, np.array(joints, np.int32), swing, twist, closed=s.closed)
 
 

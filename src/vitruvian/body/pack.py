@@ -242,12 +242,16 @@ def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tup
             count, each = points.shape[:2]
             numbers = np.arange(count * each, dtype=np.int32).reshape(count, each)
             flat = lambda a, n: None if a is None else np.asarray(a, np.float64).reshape(-1, n)  # noqa: E731
-            look = c.material.name
-            title = c.name if look in ("", c.name) else f"{c.name} {look}"
-            shape = Shape(title, grid(numbers, c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
-                          colors=flat(c.colors, 3), material=c.material)  # fmt: skip
             first = surface.add_points(points.reshape(-1, 3))
-            surface.add_shape(shape, first, c.name)
+            starts = [k for k, _ in c.bands]
+            fits = not starts or (starts[0] == 0 and max(starts) < count - 1 and starts == sorted(set(starts)))
+            require(fits, f"contours {c.name}: bands", f"rising contours from 0 to {count - 2}", starts)
+            stops = [*starts[1:], count - 1]
+            for (start, look), stop in zip(c.bands or ((0, c.material),), stops, strict=True):
+                title = c.name if look.name in ("", c.name) else f"{c.name} {look.name}"
+                shape = Shape(title, grid(numbers[start : stop + 1], c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
+                              colors=flat(c.colors, 3), material=look)  # fmt: skip
+                surface.add_shape(shape, first, c.name)
             found.append((i, c, numbers + np.int32(first)))
     return organised(found, skeleton)
 

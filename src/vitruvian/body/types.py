@@ -33,7 +33,10 @@ def require(ok: bool, array: str, expected: str, found: object) -> None:
 
 def floats(value: object, name: str, *shape: int | None) -> Floats:
     """`value` as a C-contiguous finite float64 array of that shape (None: any length)."""
-    array = np.ascontiguousarray(value, dtype=np.float64)
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise VitruvianError(f"{name}: expected numbers, found {value!r:.60}") from None
     fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=False))
     require(fits, name, f"shape {tuple('n' if n is None else n for n in shape)}", array.shape)
     if not np.isfinite(array).all():

@@ -390,9 +390,23 @@ class ContourOperator:
         return np.flatnonzero((self.owner < 0) & (self._single < 0)).astype(np.int32)
 
     @cached_property
+    def _alike(self) -> tuple[Ints, NDArray[np.int64]]:
+        """Vertices out of `rest_of_skin`, and which of them moves each: where one point is there several times, with
+        the same weights, one is computed for all, so that they stay together to the bit."""
+        skin, chosen = self.body.skin, self.rest_of_skin
+        w, mark = skin.weights, np.random.default_rng(0).random((2, len(self.body.skeleton)))
+        marks = [np.bincount(w.vertex, w.weight * m[w.joint], minlength=len(w)) for m in mark]
+        key = np.concatenate([skin.rest[chosen], np.stack(marks, axis=1)[chosen]], axis=1)
+        _, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first, kind="stable")
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order))
+        return chosen[first[order]], rank[place.reshape(-1)]
+
+    @cached_property
     def blended(self) -> tuple[Painted, Ints]:
-        """What moves `rest_of_skin`, and the joints whose matrices it takes: few bodies need all of them."""
-        skin, skeleton, chosen = self.body.skin, self.body.skeleton, self.rest_of_skin
+        """What moves `_alike[0]`, and the joints whose matrices it takes: few bodies need all of them."""
+        skin, skeleton, chosen = self.body.skin, self.body.skeleton, self._alike[0]
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
         place[chosen] = np.arange(len(chosen))
@@ -437,19 +451,19 @@ class ContourOperator:
 
     def _points(self, both: Floats, rigid: Floats, out: Single, rest: Floats | None) -> None:
         self.carried.points(both, out, rest)
-        chosen = self.rest_of_skin
-        if len(chosen):
+        if len(self.rest_of_skin):
+            chosen, place = self._alike
             part = np.empty((len(out), len(chosen), 3), np.float32)
             blended, used = self.blended
             blended.points(rigid[:, used], part, None if rest is None else rest[chosen])
-            out[:, chosen] = part
+            out[:, self.rest_of_skin] = part if len(chosen) == len(place) else part[:, place]
 
     def frames(self, matrices: Floats, out: Single) -> None:
         both, rigid, _ = self._motions(matrices)
         self.carried.frames(both, out)
-        chosen = self.rest_of_skin
-        if len(chosen):
+        if len(self.rest_of_skin):
+            chosen, place = self._alike
             part = np.empty((len(out), len(chosen), 3, 4), np.float32)
             blended, used = self.blended
             blended.frames(rigid[:, used], part)
-            out[:, chosen] = part
+            out[:, self.rest_of_skin] = part[:, place]

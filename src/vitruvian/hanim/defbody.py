@@ -2,11 +2,13 @@
 
 Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
 coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `diversion`,
-`mitre` and `spread`. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the
-joint's centre.
+`mitre`, `spread`, and `bands`: the contours from which on faces show a cloth of another name and shininess. Points are
+in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,12 +50,17 @@ _TEXTURE = (
     ("inputOutput", "MFVec2f", "TexCoords", "[ ]"),
 )
 _COLORS = (("inputOutput", "MFColor", "Colors", "[ ]"),)
+_BANDS = (
+    ("initializeOnly", "MFInt32", "bands", "[ ]"),
+    ("initializeOnly", "MFString", "bandNames", "[ ]"),
+    ("initializeOnly", "MFFloat", "bandShininess", "[ ]"),
+)
 CREASE = 1.74533
 
 
 def prototype(textured: bool, colored: bool) -> Proto:
     """The declaration: DefBodyTex with a texture, DefBody without; `colored` with a colour per point."""
-    rows = (*_INTERFACE, *(_TEXTURE if textured else ()), *(_COLORS if colored else ()))
+    rows = (*_INTERFACE, *_BANDS, *(_TEXTURE if textured else ()), *(_COLORS if colored else ()))
     fields = [ProtoField(access, kind, name, Literal(default, "vrml")) for access, kind, name, default in rows]
     look = ("ambientIntensity", "diffuseColor", "specularColor", "emissiveColor", "shininess", "transparency")
     appearance = Node("Appearance", fields={"material": Node("Material", connects=[(n, n) for n in look])})
@@ -92,7 +99,7 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         "translation": np.asarray(center, np.float64),
         "diffuseColor": np.array(white if colored else look.color[:3], np.float64),
         "emissiveColor": np.array(look.emission, np.float64),
-        "shininess": float(np.clip((2 / max(look.roughness, 0.124) ** 2 - 2) / 128, 0, 1)),
+        "shininess": _shininess(look),
         "transparency": float(1 - look.opacity),
         "Points": (surface.points - center).reshape(-1, 3),
         "PointsIndex": faces(count, each, surface.closed),
@@ -107,12 +114,25 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         "spread": surface.spread,
         "closed": surface.closed,
     }
+    bands = surface.bands or (((0, look),) if look.name not in ("", surface.name) else ())
+    if bands:
+        fields["bands"] = np.array([k for k, _ in bands], np.int32)
+        fields["bandNames"] = [m.name for _, m in bands]
+        fields["bandShininess"] = np.array([_shininess(m) for _, m in bands])
     if textured and surface.uv is not None:
         fields["TexCoords"] = surface.uv.reshape(-1, 2)
     if colored:
         own = surface.colors if surface.colors is not None else np.broadcast_to(look.color[:3], (count, each, 3))
         fields["Colors"] = np.clip(own.reshape(-1, 3), 0, 1)
     return Node(TYPES[textured], name, fields, instance=True)
+
+
+def _shininess(look: Material) -> float:
+    return float(np.clip((2 / max(look.roughness, 0.124) ** 2 - 2) / 128, 0, 1))
+
+
+def _roughness(shininess: float) -> float:
+    return float(np.sqrt(2 / (128 * shininess + 2)))
 
 
 def is_defbody(reading: Reading, node: Node) -> bool:
@@ -146,11 +166,11 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
     fits = lambda a: len(a) == len(points)  # noqa: E731
     diffuse = reading.vector(node, "diffuseColor", (0.8, 0.8, 0.8))
     value = lambda field: float(np.clip(next(iter(reading.numbers(node, field)), 0.0), 0, 1))  # noqa: E731
-    shine = 128 * value("shininess") + 2
     look = Material(
         name=reading.text(node, "name"), color=(float(diffuse[0]), float(diffuse[1]), float(diffuse[2])),
-        roughness=float(np.sqrt(2 / shine)), opacity=1 - value("transparency"), double_sided=True,
+        roughness=_roughness(value("shininess")), opacity=1 - value("transparency"), double_sided=True,
     )  # fmt: skip
+    bands = _bands(reading, node, count, look)
     return ContourSurface(
         name=reading.text(node, "name") or node.name or "contours",
         points=(points + place).reshape(count, each, 3),
@@ -160,8 +180,28 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
         spread=_flag(reading, node, "spread", False),
         uv=texture.reshape(count, each, 2) if len(texture) and fits(texture) else None,
         colors=colors.reshape(count, each, 3) if len(colors) and fits(colors) else None,
-        material=look, node=node,
+        material=bands[0][1] if len(bands) == 1 else look, bands=bands if len(bands) > 1 else (), node=node,
     )  # fmt: skip
+
+
+def _bands(reading: Reading, node: Node, count: int, look: Material) -> tuple[tuple[int, Material], ...]:
+    """The bands of a surface; none where their numbers do not fit, which is said."""
+    starts = reading.indices(node, "bands").tolist()
+    names = reading.texts(node, "bandNames")
+    shine = np.clip(reading.numbers(node, "bandShininess"), 0, 1).reshape(-1).tolist()
+    rising = all(a < b for a, b in zip(starts, starts[1:])) and (
+        not starts or (starts[0] == 0 and starts[-1] < count - 1)
+    )
+    if not (rising and len(starts) == len(names) == len(shine)):
+        reading.broken(
+            f"{reading.who(node)} bands: expected rising contours from 0 on, a name and a shininess for each, "
+            f"found {starts[:6]} with {len(names)} names and {len(shine)} numbers",
+            node,
+        )
+        return ()
+    return tuple(
+        (k, replace(look, name=n, roughness=_roughness(s))) for k, n, s in zip(starts, names, shine, strict=True)
+    )
 
 
 def _flag(reading: Reading, node: Node, field: str, default: bool) -> bool:

@@ -135,7 +135,8 @@ class ContourSurface:
     The first `fixed_upper` contours stay with the parent; over the next `upper` the rotation of the surface's own joint
     is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it.
     `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `spread`: the part of the
-    rotation about the limb is spread over the whole surface.
+    rotation about the limb is spread over the whole surface. `bands`: from each of these contours on, faces look like
+    that material instead.
     """
 
     name: str
@@ -151,6 +152,7 @@ class ContourSurface:
     uv: Array | None = None
     colors: Array | None = None
     material: Material = field(default_factory=Material)
+    bands: tuple[tuple[int, Material], ...] = ()
     node: Node | None = None
 
 

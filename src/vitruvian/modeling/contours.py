@@ -2,10 +2,10 @@
 
 Contours lie in planes that turn from the bisector of one joint to that of the next, so that a bent knee has them evenly
 spaced; their points are where rays from the bone meet the outermost surface. The torso is a front and a back. What is
-not in contours keeps its triangles, cut along the planes and sewn to the contours' own points: nothing can open.
+not in contours keeps its triangles, cut along the planes and sewn to the contours' own points: nothing can open. It moves
+by its own weights, which become the contours' towards them.
 
-Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour, hips whose
-lower half belongs to the thighs and the upper to the torso).
+Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour).
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
-from vitruvian.modeling.cuts import FRONT, Cuts, smooth, unit
-from vitruvian.modeling.slicing import Rings, rings
+from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
+from vitruvian.modeling.hems import Hemmed, clear, hemmed
+from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
+_SHADE = 0.55  # colour of the skin under a hem, over the garment's
 BEND = 1.5  # radii of a limb over which a joint bends it on each side: that far no fold on the inside to 135 degrees
 CLOSE = 0.25  # how much closer contours are at the ends of a limb than evenly spaced
+_CUFF = 0.012  # metres of a person between the end of a limb and the clothes below it
 _WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes all of the joint's rotation there
 
 
@@ -64,14 +67,13 @@ def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, 
             _passed(cuts, missing)
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
     error = _error(cuts.body, [m.surface for m in made])
-    pieces = None if cuts.segmented else _pieces(cuts, made)
-    return ContourBody(_assembled(humanoid, body, made, pieces, cuts), error, cuts.scale)
+    return ContourBody(_assembled(humanoid, made, _pieces(cuts, made), cuts), error, cuts.scale)
 
 
 @dataclass(frozen=True)
 class Limb:
     """A limb between two joints, by names without side: how it is sliced at density 1. `code`: its left region;
-    `above`: the limb that it shares its first contour with."""
+    `above`: the limb that it shares its first contour with; `shod`: it ends above shoes and cuffs."""
 
     name: str
     near: str
@@ -80,19 +82,23 @@ class Limb:
     points: int
     contours: int
     above: str = ""
+    shod: bool = False
 
 
 LIMBS = (
     Limb("upperarm", "shoulder", "elbow", 2, 20, 16),
     Limb("forearm", "elbow", "radiocarpal", 2, 20, 16, "upperarm"),
     Limb("thigh", "hip", "knee", 6, 26, 20),
-    Limb("calf", "knee", "talocrural", 6, 26, 18, "thigh"),
+    Limb("calf", "knee", "talocrural", 6, 26, 18, "thigh", True),
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A surface, the joint it hangs on, and its ends: the loops of `rings` at its planes, -1 where it ends in no skin."""
+    """A surface, the joint it hangs on, and where it was sliced: `rings`, planes and directions.
+
+    `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`. `bands`:
+    where it shows several parts of the skin, the contour from which on and the number of each."""
 
     joint: int
     surface: ContourSurface
@@ -101,6 +107,8 @@ class Made:
     axis: Floats
     angles: Floats
     ends: tuple[bool, bool] = (False, False)
+    regions: tuple[int, int] = (0, 0)
+    bands: tuple[tuple[int, int], ...] = ()
 
 
 def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[Made]:
@@ -129,32 +137,50 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
     fixed = FIXED if top and cuts.segmented else 0
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
-    axis, length = unit(end - start), float(np.linalg.norm(end - start))
     u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
     s = np.where((u > 0) & (u < 1), u - CLOSE / (2 * np.pi) * np.sin(2 * np.pi * u), u * (1 - CLOSE * (u < 0)))
-    t = np.clip(s, 0, 1)[:, None]
-    normal = (1 - t) ** 2 * first + 2 * t * (1 - t) * axis + t**2 * last
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    centers = start + s[:, None] * length * axis
     angles = np.arange(each) * 2 * np.pi / each
-    made = rings(
-        cuts.skin.rest, cuts.skin.triangles, cuts.triangles(spec.code + number), centers, normal, forward=FRONT,
-        angles=angles, name=f"{side}_{spec.name}", loose=cuts.segmented,
-    )  # fmt: skip
+
+    def planes(s: Floats) -> tuple[Floats, Floats]:
+        t = np.clip(s, 0, 1)[:, None]
+        normal = (1 - t) ** 2 * first + 2 * t * (1 - t) * axis + t**2 * last
+        return start + s[:, None] * length * axis, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+    def sliced(s: Floats) -> Rings:
+        return rings(
+            cuts.skin.rest, cuts.skin.triangles, cuts.triangles(spec.code + number), *planes(s), forward=FRONT,
+            angles=angles, name=f"{side}_{spec.name}", loose=cuts.segmented,
+        )  # fmt: skip
+
+    axis, length = unit(end - start), float(np.linalg.norm(end - start))
+    share = clear(sliced, cuts.part, _CUFF * cuts.scale / length) if spec.shod and not cuts.segmented else 1.0
+    if share < 1:
+        end, last, length = start + share * (end - start), axis, share * length
+        cuts.planes[far] = (end, last)
+    found = Hemmed(s, sliced(s))
+    if not cuts.segmented:
+        found = hemmed(sliced, s, found.rings, cuts.skin.rest, cuts.skin.triangles, cuts.part, length, cuts.scale)
+    s, made, bands, count = found.s, found.rings, found.bands, len(found.s)
+    centers, normal = planes(s)
     inward = 0.08 * np.arange(fixed, 0, -1)[:, None, None]  # what stands in the trunk stays below its surface
     made.points[:fixed] += inward * (made.points[:fixed].mean(axis=1, keepdims=True) - made.points[:fixed])
     wide = BEND * made.radius / length  # the bend takes so much of the surface at each end
     most = (count - fixed) // 2 - 1
     upper = int(np.clip(np.searchsorted(s[fixed:], wide), 2, most))
-    lower = int(np.clip(np.searchsorted(1 - s[::-1], wide), 2, most))
+    lower = int(np.clip(np.searchsorted(1 - s[::-1], wide), 2, most)) if share == 1 else 0
     whole = top and not fixed and _share(cuts, near, made) >= _WHOLE
     surface = ContourSurface(
         f"{side}_{spec.name}_def", made.points, fixed_upper=fixed, upper=0 if whole else upper + fixed, lower=lower,
-        extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=_colors(cuts.skin, made),
-        uv=_coordinates(cuts.skin, made),
+        extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=cuts.colored(made),
+        uv=cuts.mapped(made),
     )  # fmt: skip
-    sewn = (top, not top) if not cuts.segmented else (False, False)
-    return Made(cuts.index[near], surface, made, centers, normal, angles, sewn)
+    for under, edge in found.shaded:
+        if surface.colors is not None:
+            surface.colors[under] = _SHADE * surface.colors[edge]
+    sewn, regions = (top, not top), (spec.code + number, spec.code + number + 2)
+    return Made(
+        cuts.index[near], surface, made, centers, normal, angles, sewn, regions, bands if len(bands) > 1 else ()
+    )
 
 
 def _passed(cuts: Cuts, error: VitruvianError) -> None:
@@ -172,7 +198,7 @@ def _share(cuts: Cuts, name: str, made: Rings) -> float:
 
 def _torso(cuts: Cuts, density: float) -> list[Made]:
     """The torso's front and back."""
-    points, count = max(6, round(17 * density)), max(8, round(20 * density))
+    points, count = max(6, round(27 * density)), max(8, round(20 * density))
     (top, down), (low, _) = cuts.planes["top"], cuts.planes["vl5"]
     centers = top + np.linspace(0, 1, count)[:, None] * (low - top)
     centers[:, 2] = [cuts.depth(y) for y in centers[:, 1]]
@@ -182,7 +208,7 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
         cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0), centers, axis, forward=FRONT, angles=around,
         name="torso", loose=cuts.segmented,
     )  # fmt: skip
-    colors, uv = _colors(cuts.skin, loops), _coordinates(cuts.skin, loops)
+    colors, uv = cuts.colored(loops), cuts.mapped(loops)
     joint = cuts.spine[0] if cuts.spine else max(int(cuts.body.skeleton.parents[cuts.index["l_shoulder"]]), 0)
     out = []
     front, back = np.arange(points), np.append(np.arange(points - 1, 2 * points - 2), 0)
@@ -192,34 +218,41 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             f"l5_{name}_def", loops.points[:, which], closed=False, lower=2 if cuts.segmented else 0,
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
-        ends = name == "front" and not cuts.segmented
-        out.append(Made(joint, surface, loops, centers, axis, around, (ends, ends)))
+        ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10)))
     return out
 
 
 def _neck(cuts: Cuts, density: float) -> list[Made]:
     """From the skull's plane to the base of the neck."""
-    if "skullbase" not in cuts.planes:
+    if "skullbase" not in cuts.planes or (cuts.segmented and not cuts.neck):
         return []
     points, count = max(6, round(24 * density)), max(6, round(9 * density))
     (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
-    s = np.linspace(0, 1, count)[:, None]
-    axis = (1 - s) * high + s * low
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    centers = (1 - s) * skull + s * base
     around = np.arange(points) * 2 * np.pi / points
-    made = rings(
-        cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, 1), centers, axis, forward=FRONT, angles=around,
-        name="neck", loose=cuts.segmented,
-    )  # fmt: skip
+
+    def planes(s: Floats) -> tuple[Floats, Floats]:
+        axis = (1 - s[:, None]) * high + s[:, None] * low
+        return (1 - s[:, None]) * skull + s[:, None] * base, axis / np.linalg.norm(axis, axis=1, keepdims=True)
+
+    def sliced(s: Floats) -> Rings:
+        return rings(
+            cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, 1), *planes(s), forward=FRONT, angles=around,
+            name="neck", loose=cuts.segmented,
+        )  # fmt: skip
+
+    if not cuts.segmented:  # a collar is left to the trunk
+        share = clear(sliced, cuts.part, _CUFF * cuts.scale / float(np.linalg.norm(base - skull)), 0.4)
+        base, low = (p[0] for p in planes(np.array([share])))
+        cuts.planes["neck"] = (base, low)
+    s = np.linspace(0, 1, count)
+    centers, axis = planes(s)
+    made = sliced(s)
     joint = cuts.neck[0] if cuts.neck else cuts.index["skullbase"]
     name = tables.canonical(cuts.body.skeleton.names[joint]) or "c7"
     segment = tables.joints()[name].segment if name in tables.joints() else "c7"
-    surface = ContourSurface(
-        f"{segment}_def", made.points, colors=_colors(cuts.skin, made), uv=_coordinates(cuts.skin, made)
-    )
-    sewn = not cuts.segmented
-    return [Made(joint, surface, made, centers, axis, around, (sewn, sewn))]
+    surface = ContourSurface(f"{segment}_def", made.points, colors=cuts.colored(made), uv=cuts.mapped(made))
+    return [Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2)]
 
 
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
@@ -229,16 +262,20 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
         np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
     ]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
-    cloth = Cloth(cuts.skin, cuts.sliced)
-    loops = [_loop(cuts, m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
+    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners)
+    ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
+    loops = [_loop(cuts, *one) for one in ends]
+    if cuts.segmented:
+        met = [_met(cuts, loop, m.regions[end]) for loop, (m, _, end) in zip(loops, ends, strict=True)]
+        loops = [loop for loop in met if loop is not None]
     for loop in loops:
         cloth.cut(loop)
-    cloth.without(_gone(cuts, cloth, made))
+    gone = _gone(cuts, cloth, made)
+    cloth.without(gone | cloth.capped(loops) if cuts.segmented else gone)
     rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
     table = np.zeros((len(weights), len(skeleton)))
     table[weights.vertex, weights.joint] = weights.weight
     table = cloth.carried(table, rings_, loops)
-    _hips(cuts, cloth.rest, table)
     return cloth.finished(cloth.meet(table, rings_, loops))
 
 
@@ -250,9 +287,23 @@ def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
     size = ring.radius
     name = f"{made.surface.name} {'first' if end == 0 else 'last'}"
     return Loop(
-        name, made.centers[k], made.axis[k], FRONT, made.angles, ring, -1 if end == 0 else 1, 0.08 * size, 0.8 * size,
-        joints, weights[k],
+        name, made.centers[k], made.axis[k], FRONT, made.angles, ring, -1 if end == 0 else 1,
+        min(0.16 * size, 0.8 * CLEAR * cuts.scale), 0.8 * size, joints, weights[k],
     )  # fmt: skip
+
+
+def _met(cuts: Cuts, loop: Loop, code: int) -> Loop | None:
+    """The loop of a figure in segments, to be sewn to the segment beyond it, of region `code`, which is cut where it first
+    goes all round; None where none does, which is said."""
+    mine = np.zeros(len(cuts.skin.triangles), bool)
+    mine[cuts.triangles(code)] = True
+    for gap in loop.gap * np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0]):
+        found = replace(loop, gap=float(gap), only=mine)
+        if len(section(cuts.skin.rest, cuts.skin.triangles[mine], found.beyond, loop.axis, FRONT).round):
+            return found
+    if code in OUTER:
+        warn(f"contours {loop.name}: no segment beyond it to sew it to")
+    return None
 
 
 def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
@@ -268,7 +319,7 @@ def _gone(cuts: Cuts, cloth: Cloth, made: list[Made]) -> NDArray[np.bool_]:
 
 def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> NDArray[np.bool_]:
     """(n,) which places (n,3) of these regions (n,) lie between the planes of a surface in contours."""
-    slack = 0.01 * cuts.scale
+    slack = 0.0 if cuts.segmented else 0.01 * cuts.scale
     beyond = lambda name: (places - cuts.planes[name][0]) @ cuts.planes[name][1]  # noqa: E731
     names = {m.surface.name for m in made}
     zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")] if "l5_front_def" in names else []
@@ -284,45 +335,7 @@ def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> ND
     return inside
 
 
-def _hips(cuts: Cuts, rest: Floats, table: Floats) -> None:
-    """The upper half of the pelvis goes with the trunk, the lower with the thighs, each by the side it is on.
-
-    A thigh's share is a ramp from the torso's last contour to the thigh's first, times a smooth step over a quarter of
-    the hips' distance from the middle, so that the crotch stays with the pelvis; the rest keeps its weights otherwise.
-    `rest` (V,3), `table` (V,J) weights, which are changed.
-    """
-    parents, index = cuts.body.skeleton.parents, cuts.index
-    (low, down), quarter = cuts.planes["vl5"], abs(cuts.at("l_hip")[0] - cuts.at("r_hip")[0]) / 4
-    depth = (rest - low) @ down
-    legs = {side: cuts.below(f"{side}_hip") for side in "lr"}
-    across = rest[:, 0] - cuts.hips[0]
-    held = table[:, legs["l"] | legs["r"]].sum(axis=1) > 0.01
-    middle = held & (np.abs(across) < quarter / 8) & (depth > 0)
-    crotch = rest[middle, 1].min() if middle.any() else cuts.hips[1]
-    inner = np.abs(across) + np.maximum(crotch - rest[:, 1], 0)  # below the crotch there is nothing but thighs
-    share = {}
-    for side, sign in (("l", 1.0), ("r", -1.0)):
-        center, normal = cuts.planes[f"{side}_hip"]
-        height = -(rest - center) @ normal
-        between = np.clip(depth / np.maximum(depth + height, 1e-9), 0, 1)
-        share[side] = smooth(between) * smooth(np.where(sign * across > 0, np.clip(inner / quarter, 0, 1), 0))
-    inside = (depth > 0) & ((rest - cuts.planes["l_hip"][0]) @ cuts.planes["l_hip"][1] < 0)
-    inside &= (rest - cuts.planes["r_hip"][0]) @ cuts.planes["r_hip"][1] < 0
-    inside &= np.asarray([table[:, cuts.arms].sum(axis=1) < 0.01])[0]
-    mine = np.flatnonzero(inside)
-    rows = table[mine]
-    rows[:, legs["l"] | legs["r"]] = 0
-    total = rows.sum(axis=1)
-    rows[total < 1e-6, max(int(parents[index["l_hip"]]), 0)] = 1
-    rows /= rows.sum(axis=1, keepdims=True)
-    both = np.minimum(share["l"][mine] + share["r"][mine], 1)
-    rows *= (1 - both)[:, None]
-    for side in "lr":
-        rows[:, index[f"{side}_hip"]] += share[side][mine]
-    table[mine] = rows
-
-
-def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | None, cuts: Cuts) -> Humanoid:
+def _assembled(humanoid: Humanoid, made: list[Made], pieces: Skin, cuts: Cuts) -> Humanoid:
     """The humanoid with contour surfaces in its Segments, and the pieces as its skin."""
     copies = {id(j): replace(j, joints=[], segments=[replace(s, shapes=[], displacers=[], contours=[]) for s in j.segments],
                              displacers=[], skin_coord_index=np.zeros(0, np.int32), skin_coord_weight=np.zeros(0))
@@ -333,13 +346,14 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     joints = [copies[id(j)] for j in order]
     for m in made:
         _segment(joints[m.joint]).contours.append(m.surface)
-    looks = {s.name or s.material.name: s.material for s in _shapes(humanoid)}
+    looks = {s.name or s.material.name: s.material for s in humanoid.skin}
+    looks |= {s.name or s.material.name or g.name: s.material for g in humanoid.segments() for s in g.shapes}
     for m in made:
-        m.surface.material = _look(cuts.skin, m, looks)
+        face = m.rings.face[m.rings.face >= 0]
+        most = int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
+        m.surface.material = _look(cuts.skin, most, looks)
+        m.surface.bands = tuple((k, _look(cuts.skin, number, looks)) for k, number in m.bands)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
-    if pieces is None:
-        _keep_segments(cuts, made, order, joints)
-        return replace(humanoid, skeleton=skeleton, node=None, scene=None)
     weights = pieces.weights
     for number, joint in enumerate(joints):
         mine = weights.joint == number
@@ -360,27 +374,6 @@ def _assembled(humanoid: Humanoid, body: Body, made: list[Made], pieces: Skin | 
     )  # fmt: skip
 
 
-def _keep_segments(cuts: Cuts, made: list[Made], order: list[Joint], joints: list[Joint]) -> None:
-    """Segments of a figure in pieces that no contours stand for stay as they are."""
-    region = np.zeros(len(order), np.int64)
-    weights = cuts.body.skin.weights
-    for number in range(len(order)):
-        mine = weights.vertex[weights.joint == number]
-        region[number] = int(np.median(cuts.region[mine])) if len(mine) else 0
-    for number, (old, new) in enumerate(zip(order, joints, strict=True)):
-        for before, after in zip(old.segments, new.segments, strict=False):
-            for shape in before.shapes:
-                if shape.points is None or not len(shape.triangles):
-                    continue
-                points = np.asarray(shape.points, np.float64)
-                if shape.transform is not None:
-                    points = points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
-                middle = points[shape.triangles].mean(axis=1)
-                if _inside(cuts, made, middle, np.full(len(middle), region[number])).mean() < 0.6:
-                    after.shapes.append(shape)
-            after.displacers = list(before.displacers) if after.shapes else []
-
-
 def _segment(joint: Joint) -> Segment:
     if not joint.segments:
         known = tables.canonical(joint.name)
@@ -388,46 +381,11 @@ def _segment(joint: Joint) -> Segment:
     return joint.segments[0]
 
 
-def _shapes(humanoid: Humanoid) -> list[Shape]:
-    return [*humanoid.skin, *(shape for s in humanoid.segments() for shape in s.shapes)]
-
-
-def _look(skin: Skin, made: Made, looks: dict[str, Material]) -> Material:
-    """What a surface looks like: as the part that most of its points lie on, seen from both sides."""
-    face = made.rings.face[made.rings.face >= 0]
-    number = np.searchsorted([p.stop for p in skin.parts], face, side="right")
-    part = skin.parts[int(np.bincount(number).argmax())] if len(face) else Part("contours", 0, 0)
+def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:
+    """What contours on a part of the skin look like, seen from both sides; -1: on none."""
+    part = skin.parts[number] if number >= 0 else Part("contours", 0, 0)
     found = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity)
     return replace(found, name=part.name, double_sided=True, node=None)
-
-
-def _colors(skin: Skin, made: Rings) -> Floats | None:
-    """(C,P,3) of the loops' points, None where the skin has none."""
-    if skin.colors is None:
-        return None
-    face = made.face
-    out = np.zeros((*face.shape, 3))
-    some = face >= 0
-    corner = skin.colors[skin.triangles[face[some]]]
-    out[some] = np.einsum("nk,nkc->nc", made.barycentric[some], corner)
-    whole = np.flatnonzero(some.any(axis=1))
-    for k in range(len(out)):  # where nothing was met: the neighbour in the loop, the next loop
-        good = np.flatnonzero(some[k])
-        if 0 < len(good) < face.shape[1]:
-            for c in range(3):
-                out[k, :, c] = np.interp(np.arange(face.shape[1]), good, out[k, good, c], period=face.shape[1])
-    for k in np.flatnonzero(~some.any(axis=1)).tolist():
-        if len(whole):
-            out[k] = out[whole[np.argmin(np.abs(whole - k))]]
-    return out
-
-
-def _coordinates(skin: Skin, made: Rings) -> Floats | None:
-    """(C,P,2) texture coordinates of the loops' points, None where the skin has none."""
-    if skin.uv is None or skin.uv_triangles is None:
-        return None
-    face = np.where(made.face >= 0, made.face, 0)
-    return np.einsum("cpk,cpkd->cpd", made.barycentric, skin.uv[skin.uv_triangles[face]])
 
 
 def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float]]) -> Humanoid:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skin
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling.slicing import Whole, frames, section
+from vitruvian.modeling.slicing import Rings, Whole, carried, frames, section
 from vitruvian.motion.names import VERTEBRAE, joint_index
 
 FRONT = np.array([0.0, 0.0, 1.0])
@@ -21,7 +21,9 @@ _STATURE = 1.45  # metres from ankle to skullbase of the figure that lengths in 
 _STEPS = 24  # places that are tried for the beginning of a limb
 _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
-_CLEAR = 0.008  # metres from where a limb is first clear of the trunk to its first contour
+CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
+
+OUTER = (4, 5, 8, 9, 10)  # regions of hands, feet and pelvis
 
 Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 
@@ -50,9 +52,11 @@ class Cuts:
         self.scale = float(height) / _STATURE
         self.shoulders = shoulders
         skin = body.skin
-        welded = _weld(skin.rest, 1e-6 * self.scale)
+        welded = _weld(skin.rest, 1e-6 * self.scale, skin.weights.top(1)[0][:, 0])
         morphs = tuple(_welded(m, welded) for m in skin.morphs)
         self.body = replace(body, skin=replace(skin, triangles=welded[skin.triangles], morphs=morphs))
+        self.corners = skin.triangles  # as they were: points at one place may have several colours
+        self.part = np.repeat(np.arange(len(skin.parts)), [p.stop - p.start for p in skin.parts])
         self.segmented = self._segmented()
         self.region = self._regions()
         chosen = np.ones(len(skin.triangles), bool)
@@ -67,6 +71,15 @@ class Cuts:
     @property
     def skin(self) -> Skin:
         return self.body.skin
+
+    def colored(self, loops: Rings) -> Floats | None:
+        """(C,P,3) colours of contours' points, None where the skin has none."""
+        return None if self.skin.colors is None else carried(loops, self.skin.colors, self.corners)
+
+    def mapped(self, loops: Rings) -> Floats | None:
+        """(C,P,2) texture coordinates of contours' points, None where the skin has none."""
+        corners = self.skin.uv_triangles
+        return None if self.skin.uv is None or corners is None else carried(loops, self.skin.uv, corners)
 
     def at(self, name: str) -> Floats:
         return self.centers[self.index[name]]
@@ -136,7 +149,7 @@ class Cuts:
                 met = np.isin(cut.loop, cut.round)
                 least = float(np.quantile(share[faces[cut.face[met]]].mean(axis=1), 0.1))
                 if least > most:
-                    best, most = (center + _CLEAR * self.scale * bone, normal), least
+                    best, most = (center + CLEAR * self.scale * bone, normal), least
                 if least >= _WHOLE:
                     return best
         return best
@@ -177,17 +190,17 @@ class Cuts:
         s = self.scale
         middle = lambda y: np.array([self.hips[0], y, self.depth(y)])  # noqa: E731
         high = self.shoulders[1]
-        base = (
-            self.centers[self.neck[0]]
-            if self.neck
-            else self.centers[self.index["skullbase"]]
-            if "skullbase" in self.index
-            else self.shoulders + [0, 0.1 * s, 0]
-        )  # noqa: E501
-        self.base = base
+        if self.neck:
+            base = self.centers[self.neck[0]]
+        elif "skullbase" in self.index:  # no joint says where the neck begins
+            base = self.at("skullbase")
+            if not self.segmented:
+                base = (base + [self.hips[0], high, self.depth(high)]) / 2
+        else:
+            base = self.shoulders + [0, 0.1 * s, 0]
         if self.segmented:
             used = self.skin.rest[np.unique(faces)]
-            top = float(min(base[1], used[:, 1].max() - 0.01 * s))
+            top = float(min(base[1], used[:, 1].max()) - 0.03 * s)  # below the collar
             low = max(float(self.hips[1]), float(used[:, 1].min()) + 0.01 * s)
             self.planes["top"], self.planes["vl5"] = (middle(top), down), (middle(low), down)
         else:
@@ -231,11 +244,12 @@ class Cuts:
         return out
 
 
-def _weld(rest: Floats, tolerance: float) -> NDArray[np.int32]:
-    """(V,) the first vertex at the place of each."""
+def _weld(rest: Floats, tolerance: float, owner: Ints) -> NDArray[np.int32]:
+    """(V,) the first vertex at the place of each that the same joint (V,) holds."""
     if not len(rest):
         return np.zeros(0, np.int32)
-    _, first, where = np.unique(np.round(rest / tolerance), axis=0, return_index=True, return_inverse=True)
+    key = np.concatenate([np.round(rest / tolerance), owner[:, None]], axis=1)
+    _, first, where = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return first[where.reshape(-1)].astype(np.int32)
 
 

@@ -6,7 +6,6 @@ the bit. Source: cross-section deformation of H-Anim bodies, levels of detail as
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -14,26 +13,32 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
-from vitruvian.deform.deformer import Deformer, deformer
 
 
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
     """A body with every `contours`-th contour and every `points`-th point of each, and (V',) which vertices it kept.
 
-    Seams, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours still
-    meet and bend in the same places. What is not organised in contours stays as it is.
+    Seams, hems, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours
+    still meet and bend in the same places. What is not organised in contours stays as it is.
     """
     require(contours >= 1 and points >= 1, "level of detail", "steps of 1 or more", (contours, points))
     require(bool(body.contours), "level of detail", "a body with contours", "none")
     skin = body.skin
-    owned = np.zeros(len(skin.rest), bool)
+    owner, row = np.full(len(skin.rest), -1), np.full(len(skin.rest), -1)
     kept = np.ones(len(skin.rest), bool)
-    grids = []
-    for surface in body.contours:
-        owned[surface.vertices] = True
+    grids: list[tuple[Contours, NDArray[np.int64], NDArray[np.int64]]] = []
+    hems: list[list[int]] = [[] for _ in body.contours]
+    for number, surface in enumerate(body.contours):
+        owner[surface.vertices], row[surface.vertices] = number, np.arange(len(surface))[:, None]
+        row[surface.tied[:, 0]] = surface.tied[:, 1]
         kept[surface.vertices] = False
-    for surface in body.contours:
-        rows, columns = _rows(surface, contours), _columns(surface, points)
+    for part in skin.parts:
+        faces = skin.triangles[part.start : part.stop]
+        if len(faces) and (owner[faces] >= 0).all():
+            start = int(row[faces].min())
+            hems[owner[faces[0, 0]]] += [start - 1, start, start + 1] if start else []
+    for surface, edges in zip(body.contours, hems, strict=True):
+        rows, columns = _rows(surface, contours, edges), _columns(surface, points)
         grids.append((surface, rows, columns))
         kept[surface.vertices[np.ix_(rows, columns)]] = True
     source = np.flatnonzero(kept)
@@ -41,16 +46,16 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
     parts: list[Part] = []
-    owner = np.full(len(skin.rest), -1)
-    for number, (surface, _, _) in enumerate(grids):
-        owner[surface.vertices] = number
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
-        if len(faces) and owned[faces].all():
+        if len(faces) and (owner[faces] >= 0).all():
             surface, rows, columns = grids[owner[faces[0, 0]]]
-            faces = grid(place[surface.vertices[np.ix_(rows, columns)]].astype(np.int32), surface.closed)
-            faces = np.concatenate([faces, place[_fringe(skin.rest, surface, columns)].astype(np.int32)])
+            first, last = (int(f(row[faces])) for f in (np.min, np.max))
+            mine = rows[(rows >= first) & (rows <= last)]
+            fringe = [f for f in _fringe(skin.rest, surface, columns) if first <= row[f].min() and row[f].max() <= last]
+            faces = grid(place[surface.vertices[np.ix_(mine, columns)]].astype(np.int32), surface.closed)
+            faces = np.concatenate([faces, place[np.array(fringe, np.int64).reshape(-1, 3)].astype(np.int32)])
         else:
             faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)
         triangles.append(faces)
@@ -99,70 +104,21 @@ def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
     return np.array(out, np.int32).reshape(-1, 3)
 
 
-class Levels:
-    """A contour body at several levels of detail, one of them active: only its points are computed.
-
-    Level 0 is the body itself. Levels and what is rigid may change at any time, between two frames.
-    """
-
-    def __init__(self, body: Body):
-        self.bodies = [body]
-        self.sources = [np.arange(len(body.skin.rest), dtype=np.int32)]
-        self.active = 0
-        self._off: frozenset[str] = frozenset()
-        self._made: dict[tuple[int, frozenset[str]], Deformer] = {}
-
-    def add(self, *, contours: int = 2, points: int = 2) -> int:
-        """Add a level, a subset of the body's contours and points (see `coarser`); its number."""
-        body, source = coarser(self.bodies[0], contours=contours, points=points)
-        self.bodies.append(body)
-        self.sources.append(source)
-        return len(self.bodies) - 1
-
-    def set_lod(self, level: int) -> None:
-        """Make a level the active one. Raises VitruvianError for one that does not exist."""
-        require(0 <= level < len(self.bodies), "level", f"0 to {len(self.bodies) - 1}", level)
-        self.active = level
-
-    def set_extremities(self, on: bool, names: Collection[str] | None = None) -> None:
-        """Switch the deformation of surfaces on, or off: these then follow their joints as rigid pieces. `names`: by
-        default the neck's."""
-        known = {s.name for s in self.bodies[0].contours}
-        chosen = {n for n in known if n.startswith("c")} if names is None else set(names)
-        require(known >= chosen, "surfaces", f"some of {', '.join(sorted(known))}", sorted(chosen - known))
-        self._off = self._off - chosen if on else self._off | chosen
-
-    @property
-    def body(self) -> Body:
-        """The active level's."""
-        return self.bodies[self.active]
-
-    @property
-    def source(self) -> Ints:
-        """(V,) which points of level 0 the active level has."""
-        return self.sources[self.active]
-
-    def __call__(self, matrices: Floats) -> NDArray[np.float32]:
-        """Points of the active level alone, for joint matrices as of `deform.deformer.Deformer`."""
-        key = (self.active, self._off)
-        if key not in self._made:
-            self._made[key] = deformer("contours", self.body, off=self._off)
-        return self._made[key](matrices)
-
-
 def _middles(body: Body, surface: Contours) -> Floats:
     return surface.middle if surface.middle is not None else body.skin.rest[surface.vertices].mean(axis=1)
 
 
-def _rows(surface: Contours, step: int) -> NDArray[np.int64]:
-    """Contours that are kept: every `step`-th, the seams, and where the shares of a joint begin or stop to change."""
+def _rows(surface: Contours, step: int, edges: list[int]) -> NDArray[np.int64]:
+    """Contours that are kept: every `step`-th, the seams, `edges`, and where the shares of a joint begin or stop to
+    change."""
     count = len(surface)
     keep = np.zeros(count, bool)
+    keep[[k for k in edges if 0 <= k < count]] = True
     keep[::step] = keep[[0, -1]] = True
     changing = np.abs(np.diff(surface.swing, axis=0)) > 1e-12
     for column in changing.T:
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(np.int8)))
-        keep[np.clip(edges, 0, count - 1)] = True
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], column, [False]]).astype(np.int8)))
+        keep[np.clip(ends, 0, count - 1)] = True
     return np.flatnonzero(keep)
 
 

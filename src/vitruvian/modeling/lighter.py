@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Floats, Ints
@@ -133,19 +134,47 @@ def _reduced(points: Floats, shape: Shape, budget: int, sewn: Ints) -> tuple[Flo
     number[order] = np.arange(len(order))
     triangles, first, fixed = number[triangles], first[order], int(held.sum())
     start = points[used][first]
-    hung, skirt = _skirts(start, triangles, fixed)
+    rim = _rim(triangles, fixed)
+    hung, skirt = _skirts(start, rim)
     place, faces, _, born = igl.qslim(
         np.concatenate([start, hung]), np.concatenate([triangles, skirt]).astype(np.int32),
         min(goal, len(triangles)) + len(skirt),
     )  # fmt: skip
     faces = faces[(born[faces] < len(start)).all(axis=1)]
     kept = np.unique(faces)
-    born = born[kept]
-    return (
-        np.where((born < fixed)[:, None], start[born], place[kept]),
-        np.searchsorted(kept, faces).astype(np.int32),
-        used[first[born]],
-    )
+    born, faces = born[kept], np.searchsorted(kept, faces)
+    place = np.where((born < fixed)[:, None], start[born], place[kept])
+    lost = np.setdiff1d(rim, born)
+    faces = _resewn(faces, born, lost, rim)
+    return np.concatenate([place, start[lost]]), faces.astype(np.int32), used[first[np.concatenate([born, lost])]]
+
+
+def _resewn(faces: NDArray[np.int64], born: Ints, lost: Ints, rim: Ints) -> NDArray[np.int64]:
+    """Triangles with points of a seam that fell together put back between their neighbours on it: `lost` (n,), which
+    get the numbers after those of `born`."""
+    number = {int(v): n for n, v in enumerate(np.concatenate([born, lost]))}
+    ahead, back = dict(rim.tolist()), dict(rim[:, ::-1].tolist())
+    left, out = set(lost.tolist()), faces.tolist()
+
+    def beside(v: int, way: dict[int, int]) -> int:
+        """The number of the next point of the seam that is there."""
+        for _ in range(len(way)):
+            v = way.get(v, -1)
+            if v not in left:
+                break
+        return number.get(v, -1)
+
+    for v in sorted(left):
+        ends = (beside(v, back), beside(v, ahead))
+        for t, face in enumerate(out):
+            corner = next((i for i in range(3) if (face[i], face[(i + 1) % 3]) == ends), None)
+            if corner is not None:
+                tip = face[(corner + 2) % 3]
+                out[t] = [ends[0], number[v], tip]
+                out.append([number[v], ends[1], tip])
+                break
+        left.discard(v)
+    return np.array(out, np.int64).reshape(-1, 3)
 
 
 def _welded(points: Floats, triangles: Ints, digits: int) -> tuple[Ints, Ints, Ints]:
@@ -171,16 +200,20 @@ def _crossed(triangles: Ints) -> np.ndarray:
     return np.logical_or.reduce(out.reshape(3, -1))
 
 
-def _skirts(points: Floats, triangles: Ints, fixed: int) -> tuple[Floats, Ints]:
-    """Points and triangles that hang from rims between the first `fixed` points: planes so large, three or more at each
-    point, that it can be moved nowhere."""
+def _rim(triangles: Ints, fixed: int) -> Ints:
+    """(n,2) edges of one triangle alone between the first `fixed` points, in the direction of its corners."""
     edges = _edges(triangles)
-    count = len(points)
+    count = int(triangles.max(initial=0)) + 1
     key = edges.astype(np.int64) @ np.array([count, 1])
     back = edges[:, ::-1].astype(np.int64) @ np.array([count, 1])
-    rim = edges[~np.isin(key, back) & (edges < fixed).all(axis=1)]
+    return edges[~np.isin(key, back) & (edges < fixed).all(axis=1)]
+
+
+def _skirts(points: Floats, rim: Ints) -> tuple[Floats, Ints]:
+    """Points and triangles that hang from rims: planes so large, three or more at each point, that it moves little."""
     if not len(rim):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    count = len(points)
     ends, place = np.unique(rim, return_inverse=True)
     a, b = rim.T
     far_a, far_b = place.reshape(-1, 2).T + count

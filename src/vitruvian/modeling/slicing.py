@@ -180,6 +180,22 @@ def _filled(radius: Floats) -> Floats:
     return out
 
 
+def carried(loops: Rings, values: Floats, corners: Ints) -> Floats:
+    """(C,P,k) values (n,k), which triangles have at their corners (T,3), at the points of loops; where nothing was met
+    those of the neighbours in the loop, or of the next loop."""
+    some = loops.face >= 0
+    out = np.zeros((*loops.face.shape, values.shape[1]))
+    out[some] = np.einsum("nk,nkc->nc", loops.barycentric[some], values[corners[loops.face[some]]])
+    each, whole = loops.face.shape[1], np.flatnonzero(some.any(axis=1))
+    for k in range(len(out)):
+        good = np.flatnonzero(some[k])
+        for c in range(out.shape[2] if 0 < len(good) < each else 0):
+            out[k, :, c] = np.interp(np.arange(each), good, out[k, good, c], period=each)
+    for k in np.flatnonzero(~some.any(axis=1)).tolist() if len(whole) else ():
+        out[k] = out[whole[np.argmin(np.abs(whole - k))]]
+    return out
+
+
 def barycentric(corners: Floats, points: Floats) -> Floats:
     """(n,3) of points (n,3) in triangles (n,3,3), clipped into the triangle."""
     a, b, p = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]

@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
+_ALIKE = 0.3  # how much of their weights points of two layers share
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,8 @@ class Loop:
 
     angles (P,): of its points in the plane from `forward` on. The skin is on the side that the axis points to (`side`
     1) or on the other (-1), and is cut `gap` (m) beyond the contour. joints (n,) and weights (n,): how the contour
-    moves, said as skin weights; over `reach` (m) the skin's own weights become those.
+    moves, said as skin weights; over `reach` (m) the skin's own weights become those. only (T,): triangles of
+    the skin that may be cut, None for all.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Loop:
     reach: float
     joints: Ints
     weights: Floats
+    only: Mask | None = None
 
     @property
     def beyond(self) -> Floats:
@@ -47,11 +50,11 @@ class Loop:
 class Cloth:
     """A skin on the way to be cut: triangles know which they come from, vertices which loops they lie on."""
 
-    def __init__(self, skin: Skin, sliced: Whole):
-        """`sliced`: the triangles that may be cut."""
-        self.rest, self.uv, self.colors = skin.rest, skin.uv, skin.colors
-        self.triangles = skin.triangles
-        self.corners = skin.triangles if skin.uv_triangles is None else skin.uv_triangles
+    def __init__(self, skin: Skin, sliced: Whole, corners: Ints):
+        """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours."""
+        self.rest, self.triangles = skin.rest, skin.triangles
+        self.uv, self.corners = _looks(skin, corners)
+        self.first, self.looks = self.corners, self.uv
         self.part = np.repeat(np.arange(len(skin.parts)), [p.stop - p.start for p in skin.parts])
         self.origin = np.arange(len(skin.triangles))
         self.free = np.zeros(len(skin.triangles), bool)
@@ -62,7 +65,7 @@ class Cloth:
 
     def cut(self, loop: Loop) -> None:
         """Divide the triangles along the plane beyond a contour."""
-        chosen = np.flatnonzero(self.free)
+        chosen = np.flatnonzero(self.free if loop.only is None else self.free & loop.only[self.origin])
         found = section(self.rest, self.triangles[chosen], loop.beyond, loop.axis, loop.forward)
         faces = chosen[np.unique(found.face[np.isin(found.loop, found.round)])]
         d = (self.rest - loop.beyond) @ loop.axis
@@ -109,8 +112,6 @@ class Cloth:
         pairs = np.array(list(edges), np.int64).reshape(-1, 2)
         share = d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]) if len(pairs) else np.zeros(0)
         self.rest = np.concatenate([self.rest, _between(self.rest, pairs, share)])
-        if self.colors is not None:
-            self.colors = np.concatenate([self.colors, _between(self.colors, pairs, share)])
         if self.uv is not None and corners:
             ends = np.array(list(corners), np.int64)
             self.uv = np.concatenate([self.uv, _between(self.uv, ends, np.array(shares))])
@@ -140,6 +141,20 @@ class Cloth:
         )
         return connected_components(graph, directed=False)[1][:count].astype(np.int64)
 
+    def capped(self, loops: list[Loop]) -> Mask:
+        """(T,) triangles of pieces that lie on the contours' side of a cut that they end at: lids of closed segments."""
+        piece, corners = self.pieces(), self.rest[self.triangles]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) + 1e-15
+        out = np.zeros(len(self.triangles), bool)
+        for on, loop in zip(self.on, loops, strict=True):
+            here = np.zeros(len(self.rest), bool)
+            here[: len(on)] = on
+            touching = np.isin(piece, piece[here[self.triangles].any(axis=1)])
+            height = loop.side * ((corners.mean(axis=1) - loop.beyond) @ loop.axis)
+            mean = np.bincount(piece, area * height) / np.bincount(piece, area)
+            out |= touching & (mean[piece] < 0)
+        return out
+
     def without(self, gone: Mask) -> None:
         """Take triangles (T,) out."""
         for field in ("triangles", "corners", "part", "origin", "free"):
@@ -157,15 +172,11 @@ class Cloth:
         self.rest = np.concatenate([self.rest, loop.ring.points[0]])
         face, inside = loop.ring.face[0], loop.ring.barycentric[0]
         face = np.where(face >= 0, face, face[np.argmax(face >= 0)])
-        if self.colors is not None:
-            assert self.skin.colors is not None
-            own = np.einsum("nk,nkc->nc", inside, self.skin.colors[self.skin.triangles[face]])
-            self.colors = np.concatenate([self.colors, own])
         corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
         ring_uv = np.arange(each)
         if self.uv is not None:
-            assert self.skin.uv is not None and self.skin.uv_triangles is not None
-            own = np.einsum("nk,nkc->nc", inside, self.skin.uv[self.skin.uv_triangles[face]])
+            assert self.looks is not None
+            own = np.einsum("nk,nkc->nc", inside, self.looks[self.first[face]])
             ring_uv = len(self.uv) + ring_uv
             self.uv = np.concatenate([self.uv, own])
         a = loop.angles - loop.angles[0]
@@ -240,15 +251,18 @@ class Cloth:
         return np.concatenate([values, np.zeros((len(self.rest) - len(values), values.shape[1]))])
 
     def meet(self, table: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
-        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface."""
+        """Weights (V,J) that become the contours' towards them, over each one's `reach` along the surface; layers that do
+        not hang together with it go with the nearest points that do."""
         from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import dijkstra
+        from scipy.sparse.csgraph import connected_components, dijkstra
+        from scipy.spatial import cKDTree
 
         t = self.triangles.astype(np.int64)
         edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
         length = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) + 1e-12
         order = np.unique(edges[:, 0] * len(self.rest) + edges[:, 1], return_index=True)[1]
         graph = coo_array((length[order], edges[order].T), shape=(len(self.rest),) * 2).tocsr()
+        layer = connected_components(graph, directed=False)[1]
         near = np.zeros((len(loops), len(self.rest)))
         own = np.zeros((len(loops), table.shape[1]))
         for n, (ring, loop) in enumerate(zip(rings, loops, strict=True)):
@@ -258,6 +272,15 @@ class Cloth:
                 far = dijkstra(graph, directed=False, indices=start, min_only=True, limit=loop.reach)
                 s = np.clip(1 - far / loop.reach, 0, 1)
                 near[n] = s * s * (3 - 2 * s)
+                reached = np.flatnonzero(np.isfinite(far) & table.any(axis=1))
+                others = np.flatnonzero(~np.isin(layer, layer[reached]))
+                away, which = cKDTree(self.rest[reached]).query(
+                    self.rest[others], distance_upper_bound=0.25 * loop.reach
+                )
+                inner = np.flatnonzero(np.isfinite(away))
+                one, other = others[inner], reached[which[inner]]
+                alike = np.minimum(table[one], table[other]).sum(axis=1) > _ALIKE  # a hand beside the hip is no layer
+                near[n, one[alike]] = near[n, other[alike]]
             np.add.at(own[n], loop.joints, loop.weights)
         rest = 1 - near
         kept = rest.prod(axis=0)
@@ -270,29 +293,52 @@ class Cloth:
         """The skin that is left, with weights (V,J) of all vertices."""
         order = np.argsort(self.part, kind="stable")
         triangles, corners, part = self.triangles[order], self.corners[order], self.part[order]
-        used, where = np.unique(triangles, return_inverse=True)
-        vertex, joint = np.nonzero(table[used] > 1e-6)
-        uv = uv_triangles = None
+        uv = uv_triangles = colors = None
+        hue = np.zeros(triangles.size, np.int64)
         if self.uv is not None:
             named, flat = np.unique(corners, return_inverse=True)
-            uv, uv_triangles = self.uv[named], flat.reshape(-1, 3).astype(np.int32)
+            looks = self.uv[named]
+            if self.skin.uv is not None:
+                uv, uv_triangles = looks[:, :2], flat.reshape(-1, 3).astype(np.int32)
+            if self.skin.colors is not None:
+                colors = looks[:, -3:]
+                hue = np.unique(np.round(colors * 512), axis=0, return_inverse=True)[1].reshape(-1)[flat.reshape(-1)]
+        pairs, first, where = np.unique(
+            np.stack([triangles.reshape(-1), hue]), axis=1, return_index=True, return_inverse=True
+        )
+        used = pairs[0]  # where colours meet a point is there once for each
+        if colors is not None:
+            colors = colors[flat.reshape(-1)[first]]
+        vertex, joint = np.nonzero(table[used] > 1e-6)
         parts: list[Part] = []
         for n, p in enumerate(self.skin.parts):
             start, stop = np.searchsorted(part, [n, n + 1]).tolist()
             if stop > start:
                 parts.append(replace(p, start=start, stop=stop))
-        place = np.full(len(self.rest), -1, np.int64)
-        place[used] = np.arange(len(used))
         morphs = []
         for m in self.skin.morphs:
-            left = place[m.index] >= 0
-            if left.any():
-                morphs.append(replace(m, index=place[m.index[left]].astype(np.int32), offset=m.offset[left]))
+            offset = np.full((len(self.rest), 3), np.nan)
+            offset[m.index] = m.offset
+            left = np.flatnonzero(np.isfinite(offset[used, 0]))
+            if len(left):
+                morphs.append(replace(m, index=left.astype(np.int32), offset=offset[used[left]]))
         return Skin(
             self.rest[used], where.reshape(-1, 3).astype(np.int32),
             Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
-            None if self.colors is None else self.colors[used], tuple(parts), tuple(morphs),
+            colors, tuple(parts), tuple(morphs),
         )  # fmt: skip
+
+
+def _looks(skin: Skin, corners: Ints) -> tuple[Floats | None, Ints]:
+    """What corners of triangles look like (n,k), texture coordinates before colours, and which each has (T,3)."""
+    if skin.uv is None or skin.uv_triangles is None:
+        return skin.colors, corners
+    if skin.colors is None:
+        return skin.uv, skin.uv_triangles
+    keys, flat = np.unique(skin.uv_triangles.astype(np.int64) << 32 | corners, return_inverse=True)
+    return np.concatenate([skin.uv[keys >> 32], skin.colors[keys & 0xFFFFFFFF]], axis=1), flat.reshape(-1, 3).astype(
+        np.int32
+    )
 
 
 def _between(values: Floats, pairs: Whole, share: Floats) -> Floats:

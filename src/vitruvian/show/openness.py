@@ -40,6 +40,11 @@ def openness(
         return np.ones(count, np.float32)
     if not len(triangles) or not count:
         return np.ones(count, np.float32)
+    _, first, place = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    if len(first) < count:  # surfaces that meet at a seam have the same shade there
+        place = place.reshape(-1)
+        mine = None if owner is None else owner[first]
+        return openness(points[first], place[triangles].astype(np.int32), mine, apart, rays=rays, reach=reach)[place]
     scene = rtcore_scene.EmbreeScene()
     center = points.mean(axis=0)
     p = np.ascontiguousarray(points - center, dtype=np.float32)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
     from starlette.websockets import WebSocket
 
+    from vitruvian.body.types import Body
+
 FOLDER = Path(__file__).parent / "page"
 MODULES = (
     "main.js",
@@ -219,7 +221,7 @@ class _Page:
         """Meshes, then the newest frame whenever fewer than `IN_FLIGHT` are unacknowledged: nothing ever queues up."""
         showing = self.showing
         showing.begin()
-        levels: dict[str, int] = {}
+        levels: dict[str, Body | None] = {}
         told, due = (-1, -1), 0.0
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.hands import Rounding
 from vitruvian.body.rotations import inverse, multiply
+from vitruvian.body.types import Body
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
 from vitruvian.show.wire import VERSION, Block, encode, quantise, quantise_normals
@@ -43,7 +44,7 @@ class Showing:
         self.title = title or ", ".join(a.name for a in self.actors)
         self.fps = max(a.fps for a in self.actors)
         self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
-        self._meshes: dict[tuple[str, int], list[bytes]] = {}
+        self._meshes: dict[tuple[str, Body | None], list[bytes]] = {}
         self.own = stage is None
         if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
@@ -67,21 +68,23 @@ class Showing:
         return self.change, self.stage.sent
 
     @property
-    def levels(self) -> dict[str, int]:
-        """Level of detail of each actor whose points are computed here, in the last frame; others have page's own."""
+    def levels(self) -> dict[str, Body | None]:
+        """The body of each actor at its level of detail, where points are computed here; others have the page's own."""
         actors = self.stage.actors.values()
-        return {a.name: a.level if a.body is not None and a.deformer in SERVED else 0 for a in actors}
+        return {
+            a.name: a.levels[a.level].body if a.body is not None and a.deformer in SERVED else a.body for a in actors
+        }
 
     @property
     def meshes(self) -> list[bytes]:
         """What does not move, of all actors at their levels of detail."""
-        levels = self.levels
+        bodies, out = self.levels, []
         for a in self.actors:
-            key = (a.name, levels[a.name])
+            key = (a.name, bodies[a.name])
             if key not in self._meshes:
-                body = self.stage.actors[a.name].levels[key[1]].body if a.body is not None else None
-                self._meshes[key] = mesh_messages(replace(a, body=body))
-        return [m for a in self.actors for m in self._meshes[a.name, levels[a.name]]]
+                self._meshes[key] = mesh_messages(replace(a, body=bodies[a.name]))
+            out += self._meshes[key]
+        return out
 
     @property
     def deformers(self) -> dict[str, str]:

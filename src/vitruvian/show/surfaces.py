@@ -34,10 +34,15 @@ def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
     """Unit normals (V,3): the area-weighted mean of the faces round each vertex, shared by vertices at one place."""
     corner = vertices[triangles]
     face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    place = places(vertices)
+    return unit(_gather(face, place[triangles], len(vertices)))[place]
+
+
+def places(vertices: NDArray) -> NDArray[np.int64]:
+    """(V,) numbers of the places that vertices (V,3) are at; those of surfaces that meet at a seam are equal to the bit."""
     flat = np.ascontiguousarray(vertices)
     rows = flat.view(np.dtype((np.void, flat.dtype.itemsize * 3))).reshape(-1)
-    _, place = np.unique(rows, return_inverse=True)  # of surfaces that meet at a seam, to the bit
-    return unit(_gather(face, place.reshape(-1)[triangles], len(vertices)))[place.reshape(-1)]
+    return np.unique(rows, return_inverse=True)[1].reshape(-1)
 
 
 def _gather(value: NDArray, triangles: NDArray, n: int) -> NDArray:
@@ -67,9 +72,11 @@ def deep_normals(surface: Surface, normals: Single) -> Single:
     if not inside:
         return normals
     some = np.concatenate([surface.triangles[p.start : p.stop] for p in inside])
-    out = normals.copy()
-    used = np.unique(some)
-    out[used] = softened(normals, some)[used]
+    place = places(surface.vertices)  # light does not stop at a seam
+    soft = np.zeros_like(normals)
+    soft[place] = normals
+    out, used = normals.copy(), np.unique(some)
+    out[used] = softened(soft, place[some])[place[used]]
     return out
 
 

@@ -132,6 +132,20 @@ class Actor:
         assert self.body is not None
         return self.body.skeleton
 
+    @property
+    def index(self) -> Mapping[str, int]:
+        """Joint name -> number; none for things without joints."""
+        return {} if self.body is None else self.body.skeleton.index
+
+    def refine(self, body: Body, inner: Ints) -> None:
+        """Have a finer body, `inner` (V,) the vertices of it that the one so far has: that and the coarser ones are the
+        levels after it, and what is shown stays the same."""
+        assert self.body is not None
+        finer = replace(body, skeleton=self.skeleton)
+        inner = np.asarray(inner, np.int32)
+        coarser = {n + 1: Level(v.body, inner if v.source is None else inner[v.source]) for n, v in self.levels.items()}
+        self.levels, self.body, self.level = {0: Level(finer), **coarser}, finer, self.level + 1
+
     @cached_property
     def kinematics(self) -> Callable[[Floats, Floats], Floats]:
         """Forward kinematics without the file's binding."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vitruvian.body.types import floats, require
+from vitruvian.body.rotations import from_axis_angle
+from vitruvian.body.types import Body, Ints, floats, require
 
 if TYPE_CHECKING:
     from vitruvian.stage.stage import Stage
@@ -51,6 +52,16 @@ class Hook:
 
     def wants(self, kind: str, actor: str, name: str) -> bool:
         return self.kind == kind and self.actor in ("", actor) and self.name in ("", name)
+
+
+_ALIASES = {"l_thigh": "l_hip", "r_thigh": "r_hip"}  # printed in the source; H-Anim has no such joints
+
+
+def of_script(event: Event) -> Event:
+    """The rotation of a joint that a Script's event `hanim_JOINTDef`, an SFRotation (x y z angle), stands for."""
+    joint = event.name.removeprefix("hanim_").removesuffix("Def")
+    turn = from_axis_angle(floats(event.value, f"event {event.name}", 4))
+    return replace(event, name=_ALIASES.get(joint, joint), value=turn)
 
 
 def _rotation(value: object, where: str) -> Any:
@@ -101,6 +112,12 @@ def _level(value: object, where: str) -> int:
     return int(value)  # type: ignore[call-overload]
 
 
+def _finer(value: object, where: str) -> tuple[Body, Ints]:
+    good = isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], Body)
+    require(good, where, "a Body and which of its vertices the present one has", type(value).__name__)
+    return value  # type: ignore[return-value]
+
+
 def _options(value: object, where: str) -> dict[str, Any]:
     require(value is None or isinstance(value, Mapping), where, "options by name, or None", value)
     return dict(value or {})  # type: ignore[call-overload]
@@ -120,7 +137,8 @@ TRANSPORT: dict[str, Callable[[object, str], Any]] = {
 # What may happen to an actor. rotation, translation: the local ones of a joint, until its motion gives it others.
 # turn: a rotation on top of what the motion says (in the parent's frame, about the joint), until another; None: none.
 # weight: of a displacer, instead of what the motion says; None: the motion's again. clear: no turns and no weights.
-# deformer: by name, with options. level: how many points. extremity: fingers, neck or toes, moving or still.
+# deformer: by name, with options. level: how many points. finer: a body with more points becomes level 0, the others
+# count one more. extremity: fingers, neck or toes, moving or still.
 ACTOR: dict[str, Callable[[object, str], Any]] = {
     "rotation": _rotation,
     "translation": _vector,
@@ -129,6 +147,7 @@ ACTOR: dict[str, Callable[[object, str], Any]] = {
     "clear": _nothing,
     "deformer": _options,
     "level": _level,
+    "finer": _finer,
     "extremity": _flag,
 }
 KINDS = TRANSPORT | ACTOR

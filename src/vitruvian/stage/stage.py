@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from vitruvian.body.types import Body, Ints, indices, require
+from vitruvian.body.types import Body, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError
 from vitruvian.stage.actor import Actor, Level, Posed, actor_of
 from vitruvian.stage.clock import Clock
-from vitruvian.stage.events import ACTOR, HOLD, KINDS, TRANSPORT, Event, Hook, Hooked
+from vitruvian.stage.events import ACTOR, HOLD, KINDS, TRANSPORT, Event, Hook, Hooked, of_script
 from vitruvian.stage.extremities import parts
 from vitruvian.stage.working import Draft, Workshop
 
@@ -97,6 +97,7 @@ class Stage:
         self.hooks: list[Hook] = []
         self.journal: list[tuple[int, tuple[Event, ...]]] | None = [] if journal else None
         self.sent = 0  # events so far
+        self.findings: list[str] = []  # what came that nobody here could take
         self.happened: list[Event] = []  # in this tick
         self.leapt = False  # whether this tick shows another time than the one that follows
         self.workshop = Workshop(frozenset(leave))
@@ -151,7 +152,7 @@ class Stage:
     def add_level(self, actor: str, level: int, body: Body, source: Ints) -> None:
         """A level of detail for an actor: a body on the same joints, and (V',) which vertices of the full one it has.
 
-        Raises VitruvianError when joints or vertices do not fit.
+        A finer one than the full one comes by the event "finer". Raises VitruvianError when joints or vertices do not fit.
         """
         full = self._actor(actor)
         require(full.body is not None, f"level of {actor}", "an actor with joints", "none")
@@ -182,6 +183,12 @@ class Stage:
     def checked(self, event: Event) -> Event:
         """The event with a value of the right type; VitruvianError when it does not fit, or could not be done."""
         require(event.kind in self.kinds, "event", f"one of {', '.join(self.kinds)}", repr(event.kind))
+        if event.kind == "rotation" and event.name.endswith("Def"):  # as a Script node in a file has it
+            index = self._actor(event.actor).index
+            known = event if event.name in index else of_script(event)
+            if known.name not in index:  # passed through
+                return replace(event, value=floats(event.value, f"event {event.name}", 4))
+            event = known
         value = self.kinds[event.kind](event.value, f"event {event.kind}")
         if event.kind in ACTOR:
             self._check(event.kind, self._actor(event.actor), event.name, value)
@@ -342,7 +349,16 @@ class Stage:
             require(name in known, who, f"one of {', '.join(known) or 'none'}", f"{name!r:.60}")
         elif kind == "level":
             self._level(actor, value)
-            self.workshop.bound(actor, level=value)
+            self.workshop.bound(actor, body=actor.levels[value].body)
+        elif kind == "finer":
+            same = actor.skeleton.names == value[0].skeleton.names
+            morphs = [m.name for m in actor.morphs] == [m.name for m in value[0].skin.morphs]
+            require(same and morphs, who, "the same joints and displacers", "others")
+            assert actor.body is not None
+            inner = indices(value[1], f"{who}: vertices", len(value[0].skin.rest), len(actor.body.skin.rest))
+            meets = np.array_equal(value[0].skin.rest[inner], actor.body.skin.rest)
+            require(meets, who, "a body that has all points of the present one", "one that lacks some")
+            self.workshop.bound(actor, body=value[0])
         elif kind == "deformer":
             self.workshop.bound(actor, deformer=name, options=value)
 
@@ -369,7 +385,12 @@ def _intercept(stage: Stage, dt: float) -> None:
     """Events take effect, then hooks see what joints and displacers would get."""
     for event in stage._take(TRANSPORT, but=True):
         if event.kind in ("rotation", "translation"):  # hooks see what comes of them
-            apply(stage.actors[event.actor], event)
+            actor = stage.actors[event.actor]
+            if event.name in actor.index:
+                apply(actor, event)
+            else:
+                stage.findings.append(f"{actor.name} has no joint for {event.name}: its rotation is passed through")
+                stage.happened.append(event)
             continue
         asked = stage._asked(event)
         if asked is not None and asked is not event:  # a hook's own words
@@ -411,6 +432,8 @@ def apply(actor: Actor, event: Event) -> None:
         actor.deformer, actor.options = name, value
     elif kind == "level":
         actor.level = value
+    elif kind == "finer":
+        actor.refine(*value)
     elif kind == "extremity":
         actor.still = actor.still - {name} if value else actor.still | {name}
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vitruvian.body.types import Floats, require
+from vitruvian.body.types import Body, Floats, require
 from vitruvian.errors import VitruvianError
 from vitruvian.stage.actor import Actor, Posed, Single
 from vitruvian.stage.events import HOLD, Event
@@ -78,7 +78,7 @@ class Workshop:
 
     def bound(
         self, actor: Actor, *, deformer: str | None = None, options: Mapping[str, Any] | None = None,
-        level: int | None = None, follow: bool = False,
+        body: Body | None = None, follow: bool = False,
     ) -> Deformer | None:  # fmt: skip
         """The deformer of an actor as it is, or would be; None when it is left to who shows the frames.
 
@@ -89,7 +89,7 @@ class Workshop:
         given = actor.options if options is None else options
         if name in self.leave or actor.body is None:
             return None
-        body = actor.levels[actor.level if level is None else level].body
+        body = actor.levels[actor.level].body if body is None else body
         if "fingers" in actor.still:  # hands are rigid pieces then
             name, given = ("log" if name == "hand" else name), {k: v for k, v in given.items() if k != "hands"}
         tuning = {k: v for k, v in given.items() if name == "hand" and k in TUNING}
@@ -119,7 +119,8 @@ class Workshop:
             rotation = self._guarded(stage, actor, "rotation", rotation, was.rotation)
             translation = self._guarded(stage, actor, "translation", translation, was.translation)
             weights = self._guarded(stage, actor, "weight", weights, was.weights)
-        made_of = (rotation, translation, weights, actor.deformer, actor.options, actor.level, actor.still)
+        level = actor.levels.get(actor.level)
+        made_of = (rotation, translation, weights, actor.deformer, actor.options, level, actor.still)
         before = self._computed.get(actor.name)
         if before is None or not all(map(operator.is_, made_of, before.made_of)):
             draft = self.drafts[actor.name] = Draft(made_of, True, self.run(actor))
@@ -240,7 +241,7 @@ class Workshop:
 
     def run(self, actor: Actor) -> Deformer | None:
         """`bound`, looked up once while nothing about it changes."""
-        key = (actor.deformer, actor.options, actor.level, actor.still)
+        key = (actor.deformer, actor.options, actor.levels.get(actor.level), actor.still)
         known = self._run.get(actor.name)
         if known is None or not all(map(operator.is_, key, known[0])):
             known = self._run[actor.name] = (key, self.bound(actor))
