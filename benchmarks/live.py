@@ -27,10 +27,11 @@ RUN = """async ([move, seconds]) => {
   const browser = document.querySelector('x3d-canvas').browser, times = [];
   let script = null;
   try { script = browser.currentScene.getNamedNode('hanim_ContourScript'); } catch (e) {}
-  const names = ['l_hip', 'r_hip', 'l_knee', 'r_knee', 'l_shoulder', 'r_shoulder', 'l_elbow', 'r_elbow', 'vl5', 'vt6'];
+  const fields = script ? Array.from(script.getFieldDefinitions(), (f) => f.name) : [];
+  const joints = fields.filter((name) => /^hanim_.*Def$/.test(name)); // all that it knows
   for (let began = performance.now(), last = began; last - began < 1000 * seconds;) {
-    if (move && script) for (const name of names)
-      script[`hanim_${name}Def`] = new X3D.SFRotation(1, 0, 0, 0.3 + 0.3 * Math.sin(times.length / 5));
+    if (move) for (const joint of joints)
+      script[joint] = new X3D.SFRotation(1, 0, 0, 0.1 + 0.1 * Math.sin(times.length / 5));
     await browser.nextFrame();
     const now = performance.now();
     times.push(now - last);

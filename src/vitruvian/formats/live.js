@@ -84,7 +84,7 @@ function facesOf(s) {
 
 function index(s) {
   var a = facesOf(s), out = new MFInt32(), i, n = 0;
-  for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (POLYGONS && i % 3 === 2) out[n++] = -1; }
+  for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (i % 3 === 2) out[n++] = -1; }
   return out;
 }
 

@@ -16,29 +16,29 @@ import numpy as np
 
 from vitruvian.body.contours import Contours
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats
+from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.contours import ROUND, Program, program, retwisted, slabs
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.live_parts import Soft, levels, parted, smooth_normals
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.convert import converted
-from vitruvian.hanim.graph import Node, Proto, ProtoField, Route, Scene, Use
+from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.humanoid import Humanoid
 
 SCRIPT, CLOCK = "hanim_ContourScript", "hanim_ClockScript"
 POINTERS = ("routes", "human", "nodes")
 SCHEMES = ("javascript", "ecmascript", "vrmlscript")
+_STRIPS = "IndexedTriangleStripSet"
 _NECK = "c"  # surfaces of the neck begin so
-# X_ITE works out tangents, which only normal maps need, after each change: given one, it needs half the time.
+# X_ITE works out tangents, which only normal maps need, after each change; given one, it need not. VRML97 has no such
+# node, so the one that is given comes out of a scene of its own. Browsers that have no use for it leave it.
 _TANGENT = """{scheme}:
 function initialize() {{
-  var i, t;
   try {{
-    for (i = 0; i < geometry.length; ++i) {{
-      t = Browser.currentScene.createNode('Tangent');
-      t.vector[0] = new SFVec4f(0, 1, 0, 1);
-      geometry[i].tangent = t;
-    }}
+    Browser.createX3DFromString('#X3D V4.0 utf8' + String.fromCharCode(10) + 'PROFILE Full Tangent {{ vector 0 1 0 1 }}')
+      .then(function (made) {{
+        for (var i = 0; i < geometry.length; ++i) geometry[i].tangent = made.rootNodes[0];
+      }}, function () {{}});
   }} catch (e) {{}}
 }}
 """
@@ -143,8 +143,7 @@ class _Writer:
             count = surface.vertices.size
             fields["Normals"] = normals[first : first + count]
             first += count
-            fields.pop("PointsIndex", None)
-            fields["Triangles" if self.native else "PointsIndex"] = self._faces(triangles)
+            fields["PointsIndex"] = _closed_faces(triangles)
         # what receives points and normals: (name, node, its field) each
         parts: list[tuple[str, tuple[Node, str], tuple[Node, str]]] = [
             (s.name, (node := self.surfaces[s.name], "Points"), (node, "Normals")) for s in self.body.contours
@@ -200,43 +199,36 @@ class _Writer:
                 body.append(Route(SCRIPT, f"{name}_points", node.name, f"set_{field}"))
                 body.append(Route(SCRIPT, f"{name}_normals", other.name, f"set_{vectors}"))
             for surface in self.body.contours:
-                body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, self._index))
+                body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, "set_PointsIndex"))
         self._clock()
         # Routes are read in the order of the file: those from the script come after its node.
         body.sort(key=lambda statement: isinstance(statement, Route))
 
-    @property
-    def _index(self) -> str:
-        return "set_Triangles" if self.native else "set_PointsIndex"
-
-    def _faces(self, triangles: np.ndarray) -> np.ndarray:
-        """As IndexedTriangleSet has them, or, in VRML97, IndexedFaceSet."""
-        if self.native:
-            return triangles.reshape(-1)
-        return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
-
     def _prototypes(self) -> None:
-        """DefBody with normals and with faces that events change; in X3D of triangles, which are quicker to draw."""
+        """DefBody with normals and with faces that events change, and without a picture where no surface has one: an
+        empty one costs as much to draw as any. In X3D the faces are strips of one triangle each, of which X_ITE keeps
+        a list, while it reads the indices of other sets through a proxy at each change."""
+        pictured = any(map(_pictured, self.surfaces.values()))
         for proto in self.scene.body:
             if not isinstance(proto, Proto) or proto.name not in ("DefBody", "DefBodyTex"):
                 continue
-            faces = "Triangles" if self.native else "PointsIndex"
-            for field in proto.interface:
-                if field.name == "PointsIndex":
-                    field.name = faces
-            proto.interface.append(ProtoField("inputOnly", "MFInt32", self._index))
+            proto.interface.append(ProtoField("inputOnly", "MFInt32", "set_PointsIndex"))
             empty = np.zeros((0, 3))
             proto.interface.append(ProtoField("inputOutput", "MFVec3f", "Normals", empty))
             shown = next(n for top in proto.body if isinstance(top, Node) for n in _below(top) if n.type == "Shape")
             geometry = shown.children("geometry")[0]
+            if not pictured:
+                for field in ("texture", "textureTransform"):
+                    shown.children("appearance")[0].fields.pop(field, None)
+                geometry.fields.pop("texCoord", None)
             inner = "index" if self.native else "coordIndex"
-            geometry.connects = [(inner, faces), (f"set_{inner}", self._index)]
+            geometry.connects = [(inner, "PointsIndex"), (f"set_{inner}", "set_PointsIndex")]
             geometry.fields = {
                 "solid": self._closed(),
                 **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)},
             }
             if self.native:
-                geometry.type = "IndexedTriangleSet"
+                geometry.type = _STRIPS
             geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
             geometry.name = "faces"
             proto.body.append(self._tangents([_use(geometry)]))
@@ -263,9 +255,9 @@ class _Writer:
         plain = not {"texCoordIndex", "colorIndex", "normalIndex"} & set(geometry.fields)
         faces = geometry.fields.get("coordIndex")
         if self.native and plain and isinstance(faces, np.ndarray) and not (faces[3::4] >= 0).any():
-            geometry.type = "IndexedTriangleSet"
+            geometry.type = _STRIPS
             geometry.fields = {k: v for k, v in geometry.fields.items() if k not in ("coordIndex", "creaseAngle")}
-            geometry.fields["index"] = faces[faces >= 0]
+            geometry.fields["index"] = faces
         return geometry
 
     def _tangents(self, geometry: list[Use]) -> Node:
@@ -338,7 +330,6 @@ class _Writer:
     def _code(self, parts: list[str]) -> str:
         """The script: what is the same in every file, and one function or line for each event that comes or goes."""
         template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
-        template = template.replace("POLYGONS", "false" if self.native else "true")
         lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(self.names)]
         surfaces = len(self.body.contours)
         if self.pointers == "routes":
@@ -356,7 +347,7 @@ class _Writer:
             count = range(len(parts) - surfaces)
             points = [f"{a}.Points" for a in at] + [f"coordNodes[{i}].point" for i in count]
             vectors = [f"{a}.Normals" for a in at] + [f"normalNodes[{i}].vector" for i in count]
-            faces = [f"{a}.{self._index}" for a in at]
+            faces = [f"{a}.set_PointsIndex" for a in at]
         lines.append("function publish() {")
         for i in range(len(parts)):
             if i < surfaces:
@@ -471,6 +462,18 @@ def _below(top: Node) -> list[Node]:
 
 def _use(node: Node) -> Use:
     return Use(node.name, node, type=node.type)
+
+
+def _closed_faces(triangles: Ints) -> Ints:
+    """coordIndex of triangles (t,3): -1 after each."""
+    return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
+
+
+def _pictured(node: Node) -> bool:
+    """Whether the instance of a DefBodyTex names a picture."""
+    value = node.fields.get("tex")
+    words = value.text.strip(" []\n\t\"'") if isinstance(value, Literal) else value
+    return any(words or ())
 
 
 def _text(value: object) -> str:
