@@ -4,7 +4,7 @@
 // only for surfaces that they concern.
 
 var F = typeof Float32Array === 'undefined' ? Array : Float32Array;
-var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12, NOWHERE = [0, 0, 0];
+var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12, NOWHERE = [0, 0, 0], MOST = 32;
 var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, shownM, shownQ, ridden, local, moved;
 
 function plain(field) { var a = [], i, n = field.length; for (i = 0; i < n; ++i) a.push(field[i]); return a; }
@@ -32,7 +32,7 @@ function initialize() {
     first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
-    tied: plain(tied), seenSurface: plain(seenSurface), round: plain(round),
+    tied: plain(tied), stays: plain(stays), closed: plain(closed), seenSurface: plain(seenSurface), round: plain(round),
     facesRow: plain(facesRow), faces: plain(faces)
   };
   J = place.parent.length;
@@ -75,6 +75,40 @@ function set_lod(value) {
     parts[s].relevel = true;
   }
   dirty.push(-1);
+}
+
+// One level of detail more, for set_lod: every value[0]-th contour and every value[1]-th point, and all that seams and the
+// ends of ramps need. Seams keep all points, so that both their sides keep the same.
+function add_lod(value) {
+  var p = place, steps = [Math.max(1, value[0] || 1), Math.max(1, value[1] || 1)], s, r, rows, i;
+  if (p.facesRow.length > MOST * p.each.length) return;
+  for (s = 0; s < p.each.length; ++s) {
+    rows = [];
+    for (r = p.first[s]; r < p.first[s + 1]; ++r)
+      if ((r - p.first[s]) % steps[0] === 0 || p.stays[r] > 0) rows.push(r - p.first[s]);
+    for (i = 1; i < rows.length; ++i) band(s, rows[i - 1], rows[i], steps[1]);
+    p.facesRow.push(p.faces.length);
+  }
+  lod_count = (p.facesRow.length - 1) / p.each.length;
+}
+
+// Points of a contour that remain when every n-th does; a closed one ends with its first point again.
+function remaining(s, row, n) {
+  var each = place.each[s], step = place.stays[place.first[s] + row] === 2 || each <= 2 * n ? 1 : n, out = [], k;
+  for (k = 0; k < each; k += step) out.push(k);
+  if (place.closed[s]) out.push(each);
+  else if (out[out.length - 1] !== each - 1) out.push(each - 1);
+  return out;
+}
+
+// Triangles between two contours that keep different points, the outside out.
+function band(s, near, far, n) {
+  var a = remaining(s, near, n), b = remaining(s, far, n), each = place.each[s], out = place.faces, i = 0, k = 0;
+  while (i < a.length - 1 || k < b.length - 1) {
+    out.push(near * each + a[i] % each, far * each + b[k] % each);
+    if (k === b.length - 1 || (i < a.length - 1 && a[i + 1] <= b[k + 1])) out.push(near * each + a[++i] % each);
+    else out.push(far * each + b[++k] % each);
+  }
 }
 
 function facesOf(s) {
