@@ -135,6 +135,7 @@ def test_xite_runs_the_script_and_its_points_are_ours(browser, referee, humanoid
     with shown(browser, referee, path) as page:
         found = page.evaluate(STEPS, [steps, [s.name for s in live.body.contours], softs])
         every.append(added(page, live, [[3, 2]])[-1])
+        assert page.evaluate(TANGENTS, softs) == [1] * len(softs)  # given, not worked out, in VRML97 too
     for joint, rotation in last.items():  # and the joints got their rotations
         assert np.allclose(np.abs(from_axis_angle(found[1]["joints"][joint]) @ from_axis_angle(rotation)), 1, atol=1e-6)
     worst, pose, before = 0.0, {}, {}
@@ -218,6 +219,8 @@ def test_nothing_is_deformed_twice(humanoid, encoding):
     assert count == sum(len(s.triangles) for s in humanoid.skin)
 
 
+TANGENTS = """(softs) => softs.map((name) => document.querySelector('x3d-canvas').browser.currentScene
+  .getNamedNode(name + '_faces').tangent?.vector.length)"""
 ADDED = """([code, fields, names, steps]) => {
   const given = Object.keys(fields), all = 'initialize();' + steps.map((s) => `add_lod([${s}]);`).join('') + `
     const out = [], count = place.each.length;
@@ -318,6 +321,12 @@ def test_a_lighter_skin_keeps_its_shape_and_its_weights(humanoid):
     assert [len(s.tied) for s in body.contours] == [len(s.tied) for s in before.contours]  # seams stay, point by point
     tied = np.concatenate([s.tied[:, 0] for s in body.contours])
     assert len(open_edges(humanoid.skin[0].triangles, tied)) == len(tied) > 100  # with all edges between
+    # What shows its inner side (hair) is drawn from both sides, what a body fills (clothes too) from outside only.
+    assert [(s.name, s.material.double_sided) for s in humanoid.skin] == [("skin", False), ("hair", True)]
+    assert sum(s.material.double_sided for s in whole.skin) > 3
+    naked = whole.copied()
+    naked.skin = [s for s in whole.skin if s.name == "shorts"]
+    assert [s.material.double_sided for s in lightened(naked, 400).skin] == [True]  # little fills them then
     fine = lightened(whole, 800, fingers=True)
     bending = {j.name for j in fine.joints() if len(j.skin_coord_index)}
     assert "l_carpal_distal_interphalangeal_2" in bending
@@ -357,6 +366,27 @@ def test_one_side_is_drawn_where_nothing_is_open_and_seams_share_normals(humanoi
     bare = humanoid.copied()
     bare.skin = []  # without what they are sewn to, contours are seen from inside
     assert sided(live_scene(bare)) is False
+
+
+@pytest.mark.parametrize("encoding", ["x3d", "wrl"])
+@pytest.mark.parametrize("source", ["x3d", "wrl"])
+def test_pictures_are_drawn_where_a_surface_has_one(humanoid, tmp_path, source, encoding):
+    def pictures(live: Live) -> int:
+        tops = [n for proto in live.scene.body if isinstance(proto, Proto) for n in proto.body if isinstance(n, Node)]
+        return sum(n.type in ("ImageTexture", "TextureCoordinate") for top in tops for n in _below(top))
+
+    assert pictures(live_scene(humanoid, encoding=encoding)) == 0
+    path = tmp_path / f"striped.{source}"
+    vt.save(humanoid, path)
+    name = {"x3d": "<fieldValue name='name' value='l_thigh_def'/>", "wrl": 'name "l_thigh_def"'}[source]
+    more = {"x3d": "<fieldValue name='tex' value='\"stripes.png\"'/>", "wrl": ' tex [ "stripes.png" ]'}[source]
+    text = path.read_text()
+    assert text.count(name) == 1
+    path.write_text(text.replace(name, name + more))
+    live = live_scene(vt.load(path), encoding=encoding)
+    assert pictures(live) == 2
+    registry.write_scene(live.scene, tmp_path / f"live.{encoding}")
+    assert (tmp_path / f"live.{encoding}").read_text().count("stripes.png") == 1
 
 
 def test_what_is_asked_wrongly_is_refused(humanoid):

@@ -22,6 +22,7 @@ from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.convert import converted
 from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.values import parse
 
 SCRIPT, CLOCK = "hanim_ContourScript", "hanim_ClockScript"
 POINTERS = ("routes", "human", "nodes")
@@ -332,8 +333,8 @@ def _closed_faces(triangles: Ints) -> Ints:
 def _pictured(node: Node) -> bool:
     """Whether the instance of a DefBodyTex names a picture."""
     value = node.fields.get("tex")
-    words = value.text.strip(" []\n\t\"'") if isinstance(value, Literal) else value
-    return any(words or ())
+    words = parse(value, "MFString") if isinstance(value, Literal) else value
+    return isinstance(words, (str, list, tuple)) and any(words)
 
 
 def _text(value: object) -> str:
