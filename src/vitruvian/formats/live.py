@@ -148,7 +148,7 @@ class _Writer:
             parts.append((name, (coord, "point"), (normal, "vector")))
         script = Node("Script", SCRIPT)
         declare = script.interface.append
-        for name in self.names:
+        for name in [*self.names, *self.plan.aliases]:
             declare(ProtoField("inputOnly", "SFRotation", f"hanim_{name}Def"))
         for kind, name in (("SFBool", "set_extremities"), ("SFBool", "set_survey"), ("SFInt32", "set_lod"),
                            ("MFInt32", "add_lod")):  # fmt: skip

@@ -16,6 +16,7 @@ from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.contours import ROUND, Program, program, retwisted, slabs
 from vitruvian.formats.live_parts import Soft, levels, staying
 
+_ALIASES = {"l_thigh": "l_hip", "r_thigh": "r_hip"}
 _NECK = "c"  # surfaces of the neck begin so
 
 
@@ -34,6 +35,11 @@ class Plan:
     @property
     def names(self) -> list[str]:
         return [self.body.skeleton.names[j] for j in self.needed]
+
+    @property
+    def aliases(self) -> dict[str, str]:
+        """Other names of joints that events may come under: the source's own, which are names of segments."""
+        return {a: n for a, n in _ALIASES.items() if n in self.names and a not in self.names}
 
     @property
     def parts(self) -> list[str]:
@@ -111,6 +117,7 @@ def code(plan: Plan, pointers: str) -> str:
     parts, names = plan.parts, plan.names
     template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
     lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(names)]
+    lines += [f"function hanim_{a}Def(value) {{ hanim_{name}Def(value); }}" for a, name in plan.aliases.items()]
     surfaces = len(plan.body.contours)
     if pointers == "routes":
         points, vectors, faces = ([f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index"))
