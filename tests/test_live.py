@@ -9,7 +9,6 @@ import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -28,21 +27,15 @@ from vitruvian.hanim.graph import Route as SceneRoute
 from vitruvian.modeling.lighter import lightened
 from vitruvian.motion.tracks import tracks_of
 from vitruvian.motion.types import Motion
+from xite import complaints, page_of
 
-if TYPE_CHECKING:
-    from playwright.sync_api import Route
-
-LOAD = """async (source) => {
-  const browser = document.querySelector('x3d-canvas').browser;
-  await browser.replaceWorld(await browser.createX3DFromString(source));
-  await browser.nextFrame();
-}"""
 STEPS = """async ([steps, surfaces, softs]) => {
   const browser = document.querySelector('x3d-canvas').browser;
   const scene = browser.currentScene, script = scene.getNamedNode('hanim_ContourScript'), all = [];
   const numbers = (field) => Array.from(field, (p) => [p.x, p.y, p.z]);
   for (const { pose, events } of steps) {
-    for (const [name, value] of Object.entries(events)) script[name] = value;
+    for (const [name, value] of Object.entries(events))
+      script[name] = !Array.isArray(value) ? value : new X3D[name.endsWith('Def') ? 'SFRotation' : 'MFInt32'](...value);
     for (const [joint, r] of Object.entries(pose)) script[`hanim_${joint}Def`] = new X3D.SFRotation(...r);
     await browser.nextFrame();
     await browser.nextFrame();
@@ -56,31 +49,13 @@ STEPS = """async ([steps, surfaces, softs]) => {
 }"""
 
 
-def answer(route: Route, referee: Path) -> None:
-    address = route.request.url.removeprefix("http://xite.test/")
-    path = referee / "node_modules" / "x_ite" / "dist" / address
-    page = "<script src='x_ite.js'></script><x3d-canvas style='width:100px;height:100px'></x3d-canvas>"
-    if address == "page.html":
-        route.fulfill(body=page, content_type="text/html")
-    elif path.is_file():
-        route.fulfill(path=path)
-    else:
-        route.abort()
-
-
 @contextmanager
 def shown(browser, referee: Path, path: Path):
     """A page in which X_ITE shows a file without a complaint."""
-    page = browser.new_page(viewport={"width": 120, "height": 120})
-    complaints: list[str] = []
-    page.on("console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None)
-    page.on("pageerror", lambda e: complaints.append(str(e)))
-    page.route("**/*", lambda route: answer(route, referee))
-    page.goto("http://xite.test/page.html")
-    page.evaluate(LOAD, path.read_text())
-    yield page
-    page.close()
-    real = [c for c in complaints if "404" not in c and "ERR_FAILED" not in c and "GL Driver" not in c]
+    with page_of(browser, referee) as xite:
+        xite.load(path.read_text())
+        yield xite.page
+        real = complaints({"messages": xite.said})
     assert not real, real
 
 
@@ -152,26 +127,31 @@ def test_xite_runs_the_script_and_its_points_are_ours(browser, referee, humanoid
         {"pose": {}, "events": {"set_extremities": False}},
         {"pose": {}, "events": {"set_extremities": True, "set_survey": True}},
         {"pose": {}, "events": {"set_survey": False, "set_lod": 2}},
-        {"pose": {"l_elbow" if "l_elbow" in needed else needed[-1]: [1, 0, 0, 1.0]}, "events": {}},
+        {"pose": {}, "events": {"add_lod": [3, 2], "set_lod": 3}},
+        {"pose": {"l_elbow": [1, 0, 0, 1.0]}, "events": {}},
+        {"pose": {}, "events": {"hanim_r_thighDef": [1, 0, 0, -0.7]}},  # as the source names r_hip
     ]
     softs = [f"hanim_{n}" for n in live.soft.names]
+    every, level = levels(live.body, live.body.contours), 0
     with shown(browser, referee, path) as page:
         found = page.evaluate(STEPS, [steps, [s.name for s in live.body.contours], softs])
+        every.append(added(page, live, [[3, 2]])[-1])
+        assert page.evaluate(TANGENTS, softs) == [1] * len(softs)  # given, not worked out, in VRML97 too
     for joint, rotation in last.items():  # and the joints got their rotations
         assert np.allclose(np.abs(from_axis_angle(found[1]["joints"][joint]) @ from_axis_angle(rotation)), 1, atol=1e-6)
-    worst, pose, before, coarse = 0.0, {}, {}, False
-    used = {
-        s.name: np.unique(t) for s, t in zip(live.body.contours, levels(live.body, live.body.contours)[2], strict=True)
-    }
+    worst, pose, before = 0.0, {}, {}
     for step, got in zip(steps, found, strict=True):
         pose = pose | step["pose"]
-        coarse = coarse or step["events"].get("set_lod", 0) > 0
+        if turned := step["events"].get("hanim_r_thighDef"):
+            pose = pose | {"r_hip": turned}
+        level = step["events"].get("set_lod", level)
+        used = {s.name: np.unique(t) for s, t in zip(live.body.contours, every[level], strict=True)}
         ours = expected(live, pose, step["events"])
         for name, points in ours.items():
             theirs = np.array(got["points"][name])
-            some = used[name] if coarse and name in used else slice(None)
+            some = used.get(name, slice(None))
             worst = max(worst, np.abs(theirs[some] - points[some]).max())
-            if coarse and name in used:  # what the level leaves out is not worked out: it stays as it was
+            if level and name in used:  # what the level leaves out is not worked out: it stays as it was
                 idle = np.setdiff1d(np.arange(len(points)), used[name])
                 assert len(idle) and np.array_equal(theirs[idle], np.array(before[name])[idle])
         before = got["points"]
@@ -242,11 +222,60 @@ def test_nothing_is_deformed_twice(humanoid, encoding):
     assert count == sum(len(s.triangles) for s in humanoid.skin)
 
 
+TANGENTS = """(softs) => softs.map((name) => document.querySelector('x3d-canvas').browser.currentScene
+  .getNamedNode(name + '_faces').tangent?.vector.length)"""
+ADDED = """([code, fields, names, steps]) => {
+  const given = Object.keys(fields), all = 'initialize();' + steps.map((s) => `add_lod([${s}]);`).join('') + `
+    const out = [], count = place.each.length;
+    for (level = 0; level < (place.facesRow.length - 1) / count; ++level)
+      out.push(place.each.map((_, s) => facesOf(s)));
+    return [out, lod_count];`;
+  const make = new Function('MFVec3f', 'MFInt32', 'SFVec3f', ...given, ...names, code + all);
+  return make(Array, Array, Array, ...given.map((k) => fields[k]), ...names.map(() => null));
+}"""
+
+
+def added(page, live: Live, steps: list[list[int]]) -> list[list[np.ndarray]]:
+    """Triangles of each level and surface by the file's script alone, after some levels were added."""
+    script = live.scene.defs()[SCRIPT]
+    fields = {f.name: np.asarray(f.value).tolist() for f in script.interface
+              if f.access == "initializeOnly" and not f.type.endswith("Node")}  # fmt: skip
+    names = [f.name for f in script.interface if f.access == "outputOnly" or f.type.endswith("Node")]
+    code = (script.text or script.fields["url"][0]).split(":", 1)[1]
+    found, count = page.evaluate(ADDED, [code, fields, names, steps])
+    assert len(found) == min(3 + len(steps), 32) == count
+    return [[np.array(t, np.int32).reshape(-1, 3) for t in level] for level in found]
+
+
+def test_levels_added_while_it_runs_leave_no_hole_either(browser, humanoid):
+    live = live_scene(humanoid)
+    page = browser.new_page()
+    every = added(page, live, [[1, 1], [2, 2], [5, 1], [1, 3], [1000, 1000], [0, -1]])
+    assert len(added(page, live, [[2, 2]] * 100)) == 32  # and no more
+    page.close()
+    for found, ours in zip(every, levels(live.body, live.body.contours, 3), strict=False):
+        assert all(np.array_equal(a, b) for a, b in zip(found, ours, strict=True))
+    check_levels(live.body, every)
+    whole = every[0]
+    for n in (3, 8):  # of steps 1 and less: all
+        assert all(len(np.unique(a)) == len(np.unique(b)) for a, b in zip(every[n], whole, strict=True))
+    sizes = [sum(len(t) for t in level) for level in every]
+    assert sizes[0] > sizes[4] > sizes[7] and sizes[0] > sizes[6] > sizes[7] and sizes[0] > sizes[5] > sizes[7]
+
+
 def test_levels_are_subsets_that_leave_no_hole(humanoid):
     body = vt.pack(humanoid)
     every = levels(body, body.contours, 3)
+    check_levels(body, every)
     counts = [sum(len(np.unique(t)) for t in level) for level in every]
     assert counts[0] == sum(s.vertices.size for s in body.contours) and counts[0] > 1.5 * counts[1] > 1.5 * counts[2]
+    assert np.array_equal(np.sort(every[0][0], axis=0),
+                          np.sort(grid(np.arange(body.contours[0].vertices.size).reshape(body.contours[0].vertices.shape),
+                                       body.contours[0].closed), axis=0))  # fmt: skip
+
+
+def check_levels(body, every: list[list[np.ndarray]]) -> None:
+    """All wound alike, open only at the ends, the same points on both sides of a seam."""
     for level in every:
         for s, triangles in zip(body.contours, level, strict=True):
             edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
@@ -263,9 +292,6 @@ def test_levels_are_subsets_that_leave_no_hole(humanoid):
             for other in range(k):  # points that two surfaces share: both keep them or neither
                 both = full & keys(body, body.contours[other], every[0][other])
                 assert both & seams[k] == both & seams[other]
-    assert np.array_equal(np.sort(every[0][0], axis=0),
-                          np.sort(grid(np.arange(body.contours[0].vertices.size).reshape(body.contours[0].vertices.shape),
-                                       body.contours[0].closed), axis=0))  # fmt: skip
 
 
 def keys(body, surface, triangles) -> set:
@@ -298,6 +324,12 @@ def test_a_lighter_skin_keeps_its_shape_and_its_weights(humanoid):
     assert [len(s.tied) for s in body.contours] == [len(s.tied) for s in before.contours]  # seams stay, point by point
     tied = np.concatenate([s.tied[:, 0] for s in body.contours])
     assert len(open_edges(humanoid.skin[0].triangles, tied)) == len(tied) > 100  # with all edges between
+    # What shows its inner side (hair) is drawn from both sides, what a body fills (clothes too) from outside only.
+    assert [(s.name, s.material.double_sided) for s in humanoid.skin] == [("skin", False), ("hair", True)]
+    assert sum(s.material.double_sided for s in whole.skin) > 3
+    naked = whole.copied()
+    naked.skin = [s for s in whole.skin if s.name == "shorts"]
+    assert [s.material.double_sided for s in lightened(naked, 400).skin] == [True]  # little fills them then
     fine = lightened(whole, 800, fingers=True)
     bending = {j.name for j in fine.joints() if len(j.skin_coord_index)}
     assert "l_carpal_distal_interphalangeal_2" in bending
@@ -337,6 +369,27 @@ def test_one_side_is_drawn_where_nothing_is_open_and_seams_share_normals(humanoi
     bare = humanoid.copied()
     bare.skin = []  # without what they are sewn to, contours are seen from inside
     assert sided(live_scene(bare)) is False
+
+
+@pytest.mark.parametrize("encoding", ["x3d", "wrl"])
+@pytest.mark.parametrize("source", ["x3d", "wrl"])
+def test_pictures_are_drawn_where_a_surface_has_one(humanoid, tmp_path, source, encoding):
+    def pictures(live: Live) -> int:
+        tops = [n for proto in live.scene.body if isinstance(proto, Proto) for n in proto.body if isinstance(n, Node)]
+        return sum(n.type in ("ImageTexture", "TextureCoordinate") for top in tops for n in _below(top))
+
+    assert pictures(live_scene(humanoid, encoding=encoding)) == 0
+    path = tmp_path / f"striped.{source}"
+    vt.save(humanoid, path)
+    name = {"x3d": "<fieldValue name='name' value='l_thigh_def'/>", "wrl": 'name "l_thigh_def"'}[source]
+    more = {"x3d": "<fieldValue name='tex' value='\"stripes.png\"'/>", "wrl": ' tex [ "stripes.png" ]'}[source]
+    text = path.read_text()
+    assert text.count(name) == 1
+    path.write_text(text.replace(name, name + more))
+    live = live_scene(vt.load(path), encoding=encoding)
+    assert pictures(live) == 2
+    registry.write_scene(live.scene, tmp_path / f"live.{encoding}")
+    assert (tmp_path / f"live.{encoding}").read_text().count("stripes.png") == 1
 
 
 def test_what_is_asked_wrongly_is_refused(humanoid):

@@ -4,8 +4,8 @@
 // only for surfaces that they concern.
 
 var F = typeof Float32Array === 'undefined' ? Array : Float32Array;
-var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12;
-var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, shownM, shownQ, local, moved;
+var STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], SMALL = 1e-12, NOWHERE = [0, 0, 0], MOST = 32;
+var J, turns, fresh, dirty, place, links, on, survey, level, parts, quick, world, M, Q, shownM, shownQ, ridden, local, moved;
 
 function plain(field) { var a = [], i, n = field.length; for (i = 0; i < n; ++i) a.push(field[i]); return a; }
 
@@ -32,7 +32,7 @@ function initialize() {
     first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
-    tied: plain(tied), seenSurface: plain(seenSurface), round: plain(round),
+    tied: plain(tied), stays: plain(stays), closed: plain(closed), seenSurface: plain(seenSurface), round: plain(round),
     facesRow: plain(facesRow), faces: plain(faces)
   };
   J = place.parent.length;
@@ -77,6 +77,40 @@ function set_lod(value) {
   dirty.push(-1);
 }
 
+// One level of detail more, for set_lod: every value[0]-th contour and every value[1]-th point, and all that seams and the
+// ends of ramps need. Seams keep all points, so that both their sides keep the same.
+function add_lod(value) {
+  var p = place, steps = [Math.max(1, value[0] || 1), Math.max(1, value[1] || 1)], s, r, rows, i;
+  if (p.facesRow.length > MOST * p.each.length) return;
+  for (s = 0; s < p.each.length; ++s) {
+    rows = [];
+    for (r = p.first[s]; r < p.first[s + 1]; ++r)
+      if ((r - p.first[s]) % steps[0] === 0 || p.stays[r] > 0) rows.push(r - p.first[s]);
+    for (i = 1; i < rows.length; ++i) band(s, rows[i - 1], rows[i], steps[1]);
+    p.facesRow.push(p.faces.length);
+  }
+  lod_count = (p.facesRow.length - 1) / p.each.length;
+}
+
+// Points of a contour that remain when every n-th does; a closed one ends with its first point again.
+function remaining(s, row, n) {
+  var each = place.each[s], step = place.stays[place.first[s] + row] === 2 || each <= 2 * n ? 1 : n, out = [], k;
+  for (k = 0; k < each; k += step) out.push(k);
+  if (place.closed[s]) out.push(each);
+  else if (out[out.length - 1] !== each - 1) out.push(each - 1);
+  return out;
+}
+
+// Triangles between two contours that keep different points, the outside out.
+function band(s, near, far, n) {
+  var a = remaining(s, near, n), b = remaining(s, far, n), each = place.each[s], out = place.faces, i = 0, k = 0;
+  while (i < a.length - 1 || k < b.length - 1) {
+    out.push(near * each + a[i] % each, far * each + b[k] % each);
+    if (k === b.length - 1 || (i < a.length - 1 && a[i + 1] <= b[k + 1])) out.push(near * each + a[++i] % each);
+    else out.push(far * each + b[++k] % each);
+  }
+}
+
 function facesOf(s) {
   var i = level * place.each.length + s;
   return place.faces.slice(place.facesRow[i], place.facesRow[i + 1]);
@@ -84,7 +118,7 @@ function facesOf(s) {
 
 function index(s) {
   var a = facesOf(s), out = new MFInt32(), i, n = 0;
-  for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (POLYGONS && i % 3 === 2) out[n++] = -1; }
+  for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (i % 3 === 2) out[n++] = -1; }
   return out;
 }
 
@@ -289,61 +323,77 @@ function surface(s) {
 // Points between contours, as the first joint's Segment has them. What lies on the end of a surface goes with its
 // contour; the rest by its weights.
 function soft(s) {
-  var p = place, o = parts[s], start = o.soft > 0 ? p.softEnd[o.soft - 1] : 0, v, k, x;
+  var p = place, o = parts[s], start = o.soft > 0 ? p.softEnd[o.soft - 1] : 0, ends = [], v, k, x, t;
   for (k = 0; k < o.count; ++k) {
-    v = start + k;
-    if (p.tied[v] >= 0) x = times(M[p.frame[p.tied[v]]], local[p.tied[v]]);
+    v = start + k; t = p.tied[v];
+    if (t >= 0) x = ends[t] = ends[t] || seen(M[0], times(M[p.frame[t]], local[t]));
     else if (p.softRow[v + 1] - p.softRow[v] === 1 || (!on && p.switched[p.each.length + v]))
-      x = motionOf(p.softJoint[p.softRow[v]]);
+      x = ridden[p.softJoint[p.softRow[v]] + 1].m;
     else x = blended(p.softRow[v], p.softRow[v + 1]);
-    put(o, k, seen(M[0], x), o.first + k, [0, 0, 0]);
+    put(o, k, x, o.first + k, NOWHERE);
   }
 }
 
-function motionOf(j) { return j < 0 ? STILL : shownM[j]; }
-function turnOf(j) { return j < 0 ? [0, 0, 0, 1] : shownQ[j]; }
+// What soft points ride on, seen from the first joint: nothing that moves, then all joints; rigid motions as matrices,
+// and as quaternions (x y z w) with their dual parts, doubled.
+function riding() {
+  var back = [-Q[0][0], -Q[0][1], -Q[0][2], Q[0][3]], j, m, q;
+  ridden = [];
+  for (j = -1; j < J; ++j) {
+    m = seen(M[0], j < 0 ? STILL : shownM[j]);
+    q = product(back, j < 0 ? [0, 0, 0, 1] : shownQ[j]);
+    ridden.push({ m: m, q: q, d: product([m[3], m[7], m[11], 0], q) });
+  }
+}
 
-// Between the mean of rigid motions (blended, and taken one step: `log` of vitruvian) and that of their matrices.
+// Between the mean of rigid motions (blended, and taken one step: `log` of vitruvian) and that of their matrices. Written
+// out, as this is done for each point.
 function blended(from, to) {
-  var p = place, real = [0, 0, 0, 0], dual = [0, 0, 0, 0], signs = [], e, i, q, w, m, t, n, sum, d, wv, vv, A, R;
-  var pivot = turnOf(p.softJoint[from]), mean = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+  var joint = place.softJoint, share = place.softWeight, mean = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+  var one = ridden[joint[from] + 1], q = one.q, x0 = q[0], y0 = q[1], z0 = q[2], w0 = q[3];
+  var x = 0, y = 0, z = 0, w = 0, dx = 0, dy = 0, dz = 0, dw = 0, e, i, n, m, d, A, ax, ay, az, aw, tx, ty, tz, f, r, k;
+  var turnX = 0, turnY = 0, turnZ = 0, wayX = 0, wayY = 0, wayZ = 0, ux, uy, uz, vx, vy, vz, cx, cy, cz, s;
   for (e = from; e < to; ++e) {
-    q = turnOf(p.softJoint[e]); m = motionOf(p.softJoint[e]);
-    w = p.softWeight[e];
-    for (i = 0; i < 12; ++i) mean[i] += w * m[i];
-    if (dot(q, pivot) + q[3] * pivot[3] < 0) q = [-q[0], -q[1], -q[2], -q[3]];
-    signs.push(q);
-    t = product([m[3], m[7], m[11], 0], q);
-    for (i = 0; i < 4; ++i) { real[i] += w * q[i]; dual[i] += w * t[i]; }
+    one = ridden[joint[e] + 1]; m = one.m; q = one.q; d = one.d; s = share[e];
+    for (i = 0; i < 12; ++i) mean[i] += s * m[i];
+    if (q[0] * x0 + q[1] * y0 + q[2] * z0 + q[3] * w0 < 0) s = -s;
+    x += s * q[0]; y += s * q[1]; z += s * q[2]; w += s * q[3];
+    dx += s * d[0]; dy += s * d[1]; dz += s * d[2]; dw += s * d[3];
   }
-  n = Math.sqrt(dot(real, real) + real[3] * real[3]);
-  if (n < 1e-8) return motionOf(p.softJoint[from]);
-  t = product(dual, [-real[0], -real[1], -real[2], real[3]]);
-  t = [t[0] / (n * n), t[1] / (n * n), t[2] / (n * n)];
-  q = [real[0] / n, real[1] / n, real[2] / n, real[3] / n];
-  A = matrix(q, t);
-  wv = [0, 0, 0]; vv = [0, 0, 0];
+  n = x * x + y * y + z * z + w * w;
+  if (n < 1e-16) return ridden[joint[from] + 1].m;
+  tx = (dx * w - dw * x + dz * y - dy * z) / n;
+  ty = (dy * w - dw * y + dx * z - dz * x) / n;
+  tz = (dz * w - dw * z + dy * x - dx * y) / n;
+  n = 1 / Math.sqrt(n); x *= n; y *= n; z *= n; w *= n;
+  A = matrix([x, y, z, w], [tx, ty, tz]);
   for (e = from; e < to; ++e) {
-    m = motionOf(p.softJoint[e]);
-    d = [m[3] - t[0], m[7] - t[1], m[11] - t[2]];
-    d = [A[0] * d[0] + A[4] * d[1] + A[8] * d[2], A[1] * d[0] + A[5] * d[1] + A[9] * d[2],
-      A[2] * d[0] + A[6] * d[1] + A[10] * d[2]];
-    R = logarithm(product([-q[0], -q[1], -q[2], q[3]], signs[e - from]));
-    sum = twistOf(R, d);
-    for (i = 0; i < 3; ++i) { wv[i] += p.softWeight[e] * R[i]; vv[i] += p.softWeight[e] * sum[i]; }
+    one = ridden[joint[e] + 1]; m = one.m; q = one.q; s = share[e];
+    f = q[0] * x0 + q[1] * y0 + q[2] * z0 + q[3] * w0 < 0 ? -1 : 1;
+    ax = f * (w * q[0] - x * q[3] - y * q[2] + z * q[1]); ay = f * (w * q[1] + x * q[2] - y * q[3] - z * q[0]);
+    az = f * (w * q[2] - x * q[1] + y * q[0] - z * q[3]); aw = f * (w * q[3] + x * q[0] + y * q[1] + z * q[2]);
+    r = Math.sqrt(ax * ax + ay * ay + az * az);
+    k = r < SMALL ? 2 : 2 * Math.atan2(r, aw) / r;
+    ux = ax * k; uy = ay * k; uz = az * k;
+    cx = m[3] - tx; cy = m[7] - ty; cz = m[11] - tz;
+    vx = A[0] * cx + A[4] * cy + A[8] * cz; vy = A[1] * cx + A[5] * cy + A[9] * cz;
+    vz = A[2] * cx + A[6] * cy + A[10] * cz;
+    // The velocity that takes a body there while it turns.
+    k = ux * ux + uy * uy + uz * uz;
+    f = k < 1e-8 ? 1 / 12 : (1 - aw * Math.sqrt(k) / (2 * r)) / k;
+    cx = uy * vz - uz * vy; cy = uz * vx - ux * vz; cz = ux * vy - uy * vx;
+    turnX += s * ux; turnY += s * uy; turnZ += s * uz;
+    wayX += s * (vx - cx / 2 + f * (uy * cz - uz * cy));
+    wayY += s * (vy - cy / 2 + f * (uz * cx - ux * cz));
+    wayZ += s * (vz - cz / 2 + f * (ux * cy - uy * cx));
   }
-  m = times(A, matrix(part(wv, 1), wayOf(wv, vv)));
-  for (i = 0; i < 12; ++i) mean[i] += p.round[0] * (m[i] - mean[i]);
+  q = [turnX, turnY, turnZ];
+  m = times(A, matrix(part(q, 1), wayOf(q, [wayX, wayY, wayZ])));
+  for (i = 0; i < 12; ++i) mean[i] += place.round[0] * (m[i] - mean[i]);
   return mean;
 }
 
-// The velocity that takes a body by t while it turns by w, and the way that it goes with velocity v.
-function twistOf(w, t) {
-  var s = dot(w, w), a = Math.sqrt(s), f = s < 1e-8 ? 1 / 12 : (1 - a * Math.sin(a) / (2 * (1 - Math.cos(a)))) / s;
-  var x = cross(w, t), y = cross(w, x);
-  return [t[0] - x[0] / 2 + f * y[0], t[1] - x[1] / 2 + f * y[1], t[2] - x[2] / 2 + f * y[2]];
-}
-
+// The way that a body goes that turns by w while its velocity is v.
 function wayOf(w, v) {
   var s = dot(w, w), a = Math.sqrt(s), f = s < 1e-8 ? 0.5 : (1 - Math.cos(a)) / s;
   var g = s < 1e-8 ? 1 / 6 : (a - Math.sin(a)) / (s * a), x = cross(w, v), y = cross(w, x);
@@ -391,6 +441,7 @@ function eventsProcessed() {
   }
   turned();
   retwisted();
+  riding();
   moved = [];
   for (s = 0; s < parts.length; ++s) {
     moved.push(all || concerned(s, which));

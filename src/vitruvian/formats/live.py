@@ -10,35 +10,33 @@ from __future__ import annotations
 
 import gzip
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 
-from vitruvian.body.contours import Contours
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats
-from vitruvian.deform.contours import ROUND, Program, program, retwisted, slabs
+from vitruvian.body.types import Body, Ints
 from vitruvian.errors import VitruvianError
-from vitruvian.formats.live_parts import Soft, levels, parted, smooth_normals
+from vitruvian.formats.live_parts import Soft, parted, smooth_normals
+from vitruvian.formats.live_script import Plan, code, plan, values
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.convert import converted
-from vitruvian.hanim.graph import Node, Proto, ProtoField, Route, Scene, Use
+from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField, Route, Scene, Use
 from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.values import parse
 
 SCRIPT, CLOCK = "hanim_ContourScript", "hanim_ClockScript"
 POINTERS = ("routes", "human", "nodes")
 SCHEMES = ("javascript", "ecmascript", "vrmlscript")
-_NECK = "c"  # surfaces of the neck begin so
-# X_ITE works out tangents, which only normal maps need, after each change: given one, it needs half the time.
+_STRIPS = "IndexedTriangleStripSet"
+# X_ITE works out tangents, which only normal maps need, after each change; given one, it need not. VRML97 has no such
+# node, so the one that is given comes out of a scene of its own. Browsers that have no use for it leave it.
 _TANGENT = """{scheme}:
 function initialize() {{
-  var i, t;
   try {{
-    for (i = 0; i < geometry.length; ++i) {{
-      t = Browser.currentScene.createNode('Tangent');
-      t.vector[0] = new SFVec4f(0, 1, 0, 1);
-      geometry[i].tangent = t;
-    }}
+    Browser.createX3DFromString('#X3D V4.0 utf8' + String.fromCharCode(10) + 'PROFILE Full Tangent {{ vector 0 1 0 1 }}')
+      .then(function (made) {{
+        for (var i = 0; i < geometry.length; ++i) geometry[i].tangent = made.rootNodes[0];
+      }}, function () {{}});
   }} catch (e) {{}}
 }}
 """
@@ -84,7 +82,7 @@ def live_scene(
         raise VitruvianError("live: expected a body with contours, found none; make one by `contours`")
     cut, soft = parted(there, body)
     scene, lost = scene_of([cut], version=version, encoding=encoding)
-    made = _Writer(scene, body, soft, pointers, schemes)
+    made = _Writer(scene, plan(body, soft), pointers, schemes)
     made.write()
     report = {
         "points": sum(s.vertices.size for s in body.contours),
@@ -92,8 +90,8 @@ def live_scene(
         "rigid_points": sum(len(s.points) for g in cut.segments() for s in g.shapes if s.points is not None)
         - len(soft.rest),
         "surfaces": len(body.contours) + len(soft.names),
-        "joints": len(made.needed),
-        "levels": len(made.levels),
+        "joints": len(made.names),
+        "levels": len(made.plan.levels),
         "script_bytes": len(made.code.encode()),
         "script_gzip_bytes": len(gzip.compress(made.code.encode(), mtime=0)),
     }
@@ -111,14 +109,10 @@ def known(pointers: str, schemes: tuple[str, ...]) -> None:
 class _Writer:
     """One script under construction."""
 
-    def __init__(self, scene: Scene, body: Body, soft: Soft, pointers: str, schemes: tuple[str, ...]):
-        self.scene, self.body, self.soft, self.pointers, self.schemes = scene, body, soft, pointers, schemes
+    def __init__(self, scene: Scene, plan: Plan, pointers: str, schemes: tuple[str, ...]):
+        self.scene, self.plan, self.pointers, self.schemes = scene, plan, pointers, schemes
+        self.body, self.soft, self.names = plan.body, plan.soft, plan.names
         self.native = scene.encoding != "wrl"
-        self.seen = retwisted(body.contours)
-        self.program = program(body, [*body.contours, *self.seen])
-        self.levels = levels(body, body.contours)
-        self.needed = _needed(body, self.program, soft)
-        self.names = [body.skeleton.names[j] for j in self.needed]
         nodes = list(scene.walk())
         self.joints = {_text(n.fields.get("name")): n for n in nodes if n.type in ("HAnimJoint", "Joint")}
         self.surfaces = {_text(n.fields.get("name")): n for n in nodes if n.type in ("DefBody", "DefBodyTex")}
@@ -126,7 +120,7 @@ class _Writer:
         self.human = next(n for n in nodes if n.type in ("HAnimHumanoid", "Humanoid"))
         for what, wanted, have in (
             ("joint", self.names, self.joints),
-            ("surface", [s.name for s in body.contours], self.surfaces),
+            ("surface", [s.name for s in self.body.contours], self.surfaces),
         ):
             for name in wanted:
                 if name not in have:
@@ -138,13 +132,12 @@ class _Writer:
         self._prototypes()
         normals = smooth_normals(self.body)[np.concatenate([s.vertices.ravel() for s in self.body.contours])]
         first = 0
-        for surface, triangles in zip(self.body.contours, self.levels[0], strict=True):
+        for surface, triangles in zip(self.body.contours, self.plan.levels[0], strict=True):
             fields = self.surfaces[surface.name].fields
             count = surface.vertices.size
             fields["Normals"] = normals[first : first + count]
             first += count
-            fields.pop("PointsIndex", None)
-            fields["Triangles" if self.native else "PointsIndex"] = self._faces(triangles)
+            fields["PointsIndex"] = _closed_faces(triangles)
         # what receives points and normals: (name, node, its field) each
         parts: list[tuple[str, tuple[Node, str], tuple[Node, str]]] = [
             (s.name, (node := self.surfaces[s.name], "Points"), (node, "Normals")) for s in self.body.contours
@@ -155,10 +148,12 @@ class _Writer:
             parts.append((name, (coord, "point"), (normal, "vector")))
         script = Node("Script", SCRIPT)
         declare = script.interface.append
-        for name in self.names:
+        for name in [*self.names, *self.plan.aliases]:
             declare(ProtoField("inputOnly", "SFRotation", f"hanim_{name}Def"))
-        for kind, name in (("SFBool", "set_extremities"), ("SFBool", "set_survey"), ("SFInt32", "set_lod")):
+        for kind, name in (("SFBool", "set_extremities"), ("SFBool", "set_survey"), ("SFInt32", "set_lod"),
+                           ("MFInt32", "add_lod")):  # fmt: skip
             declare(ProtoField("inputOnly", kind, name))
+        declare(ProtoField("outputOnly", "SFInt32", "lod_count"))
         if self.pointers == "routes":
             for name in self.names:
                 declare(ProtoField("outputOnly", "SFRotation", f"hanim_{name}_rotation"))
@@ -183,10 +178,10 @@ class _Writer:
                 for field in ("coord", "normal"):
                     uses = [_use(g.children(field)[0]) for g in geometry]
                     declare(ProtoField("initializeOnly", "MFNode", f"{field}Nodes", uses))
-        for kind, name, value in self._values(normals):
+        for kind, name, value in values(self.plan, normals):
             typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
             declare(ProtoField("initializeOnly", kind, name, typed))
-        self.code = self._code([name for name, _, _ in parts])
+        self.code = code(self.plan, self.pointers)
         self._url(script, [f"{scheme}:\n{self.code}" for scheme in self.schemes])
         body = self.scene.body
         self._reroute({node.name: name for name, node in self.joints.items() if name in self.names})
@@ -200,43 +195,36 @@ class _Writer:
                 body.append(Route(SCRIPT, f"{name}_points", node.name, f"set_{field}"))
                 body.append(Route(SCRIPT, f"{name}_normals", other.name, f"set_{vectors}"))
             for surface in self.body.contours:
-                body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, self._index))
+                body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, "set_PointsIndex"))
         self._clock()
         # Routes are read in the order of the file: those from the script come after its node.
         body.sort(key=lambda statement: isinstance(statement, Route))
 
-    @property
-    def _index(self) -> str:
-        return "set_Triangles" if self.native else "set_PointsIndex"
-
-    def _faces(self, triangles: np.ndarray) -> np.ndarray:
-        """As IndexedTriangleSet has them, or, in VRML97, IndexedFaceSet."""
-        if self.native:
-            return triangles.reshape(-1)
-        return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
-
     def _prototypes(self) -> None:
-        """DefBody with normals and with faces that events change; in X3D of triangles, which are quicker to draw."""
+        """DefBody with normals and with faces that events change, and without a picture where no surface has one: an
+        empty one costs as much to draw as any. In X3D the faces are strips of one triangle each, of which X_ITE keeps
+        a list, while it reads the indices of other sets through a proxy at each change."""
+        pictured = any(map(_pictured, self.surfaces.values()))
         for proto in self.scene.body:
             if not isinstance(proto, Proto) or proto.name not in ("DefBody", "DefBodyTex"):
                 continue
-            faces = "Triangles" if self.native else "PointsIndex"
-            for field in proto.interface:
-                if field.name == "PointsIndex":
-                    field.name = faces
-            proto.interface.append(ProtoField("inputOnly", "MFInt32", self._index))
+            proto.interface.append(ProtoField("inputOnly", "MFInt32", "set_PointsIndex"))
             empty = np.zeros((0, 3))
             proto.interface.append(ProtoField("inputOutput", "MFVec3f", "Normals", empty))
             shown = next(n for top in proto.body if isinstance(top, Node) for n in _below(top) if n.type == "Shape")
             geometry = shown.children("geometry")[0]
+            if not pictured:
+                for field in ("texture", "textureTransform"):
+                    shown.children("appearance")[0].fields.pop(field, None)
+                geometry.fields.pop("texCoord", None)
             inner = "index" if self.native else "coordIndex"
-            geometry.connects = [(inner, faces), (f"set_{inner}", self._index)]
+            geometry.connects = [(inner, "PointsIndex"), (f"set_{inner}", "set_PointsIndex")]
             geometry.fields = {
                 "solid": self._closed(),
                 **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)},
             }
             if self.native:
-                geometry.type = "IndexedTriangleSet"
+                geometry.type = _STRIPS
             geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
             geometry.name = "faces"
             proto.body.append(self._tangents([_use(geometry)]))
@@ -263,9 +251,9 @@ class _Writer:
         plain = not {"texCoordIndex", "colorIndex", "normalIndex"} & set(geometry.fields)
         faces = geometry.fields.get("coordIndex")
         if self.native and plain and isinstance(faces, np.ndarray) and not (faces[3::4] >= 0).any():
-            geometry.type = "IndexedTriangleSet"
+            geometry.type = _STRIPS
             geometry.fields = {k: v for k, v in geometry.fields.items() if k not in ("coordIndex", "creaseAngle")}
-            geometry.fields["index"] = faces[faces >= 0]
+            geometry.fields["index"] = faces
         return geometry
 
     def _tangents(self, geometry: list[Use]) -> Node:
@@ -279,94 +267,6 @@ class _Writer:
             script.text = codes[0]
         else:
             script.fields["url"] = codes
-
-    def _values(self, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
-        p, soft, body = self.program, self.soft, self.body
-        skeleton = body.skeleton
-        surfaces = list(body.contours)
-        place = {j: i for i, j in enumerate(self.needed)}
-        renumber = np.array([place.get(j, -1) for j in range(len(skeleton))] + [-1], np.int32)
-        rest = np.concatenate([body.skin.rest[s.vertices].reshape(-1, 3) for s in surfaces])
-        need = [renumber[n] for n in _needs(body, p, surfaces, self.seen, soft)]
-        slab = slabs(body, surfaces)
-        faces = [t.reshape(-1) for level in self.levels for t in level]
-        ends = lambda arrays: np.cumsum([0, *map(len, arrays)])  # noqa: E731
-        neck = [int(s.name.startswith(_NECK)) for s in surfaces]
-        names = [s.name for s in surfaces]
-        rows = soft.influences
-        return [
-            ("MFInt32", "parent", renumber[skeleton.parents[self.needed]]),
-            ("MFFloat", "center", skeleton.centers[self.needed].ravel()),
-            ("MFInt32", "link", renumber[p.link].ravel()),
-            ("MFFloat", "axis", p.axis.ravel()),
-            ("MFFloat", "bone", p.bone.ravel()),
-            ("MFInt32", "base", renumber[p.base]),
-            ("MFInt32", "row", p.row),
-            ("MFInt32", "step", p.step),
-            ("MFFloat", "swing", p.swing),
-            ("MFFloat", "twist", np.where(np.isnan(p.twist), -1.0, p.twist)),
-            ("MFFloat", "middle", p.middle.ravel()),
-            ("MFFloat", "along", p.along.ravel()),
-            ("MFInt32", "frame", renumber[p.frame]),
-            ("MFFloat", "diversion", p.diversion),
-            ("MFFloat", "mitre", p.mitre),
-            ("MFInt32", "mitreLink", p.mitre_link),
-            ("MFFloat", "mitreShare", p.mitre_share),
-            ("MFFloat", "bulge", p.bulge),
-            ("MFInt32", "bulgeLink", p.bulge_link),
-            ("MFInt32", "pair", slab.pair.ravel()),
-            ("MFFloat", "area", slab.area.ravel()),
-            ("MFFloat", "free", slab.free),
-            ("MFInt32", "first", np.concatenate([[0], np.cumsum([len(s) for s in surfaces])])),
-            ("MFInt32", "each", np.array([s.vertices.shape[1] for s in surfaces])),
-            ("MFInt32", "switched", np.concatenate([neck, soft.far])),
-            ("MFInt32", "needRow", ends(need)),
-            ("MFInt32", "need", np.concatenate(need)),
-            ("MFInt32", "softRow", rows.row),
-            ("MFInt32", "softJoint", renumber[np.where(rows.joint < len(skeleton), rows.joint, -1)]),
-            ("MFFloat", "softWeight", rows.weight),
-            ("MFInt32", "softEnd", soft.end),
-            ("MFInt32", "tied", soft.tied),
-            ("MFInt32", "seenSurface", np.array([names.index(s.name) for s in self.seen])),
-            ("MFFloat", "round", np.array([ROUND])),
-            ("MFInt32", "facesRow", ends(faces)),
-            ("MFInt32", "faces", np.concatenate(faces)),
-            ("MFFloat", "points", np.concatenate([rest, soft.rest]).ravel()),
-            ("MFFloat", "normals", np.concatenate([normals, soft.normals]).ravel()),
-        ]
-
-    def _code(self, parts: list[str]) -> str:
-        """The script: what is the same in every file, and one function or line for each event that comes or goes."""
-        template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
-        template = template.replace("POLYGONS", "false" if self.native else "true")
-        lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(self.names)]
-        surfaces = len(self.body.contours)
-        if self.pointers == "routes":
-            points, vectors, faces = ([f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index"))
-            rotations = [f"hanim_{name}_rotation" for name in self.names]
-        else:
-            if self.pointers == "human":
-                lines.append("var nodes = null;")
-                lines.append("function node(name) { return (nodes = nodes || found())[name]; }")
-                at = [f"node('{n}')" for n in parts[:surfaces]]
-                rotations = [f"node('{name}').rotation" for name in self.names]
-            else:
-                at = [f"surfaceNodes[{i}]" for i in range(surfaces)]
-                rotations = [f"jointNodes[{i}].rotation" for i in range(len(self.names))]
-            count = range(len(parts) - surfaces)
-            points = [f"{a}.Points" for a in at] + [f"coordNodes[{i}].point" for i in count]
-            vectors = [f"{a}.Normals" for a in at] + [f"normalNodes[{i}].vector" for i in count]
-            faces = [f"{a}.{self._index}" for a in at]
-        lines.append("function publish() {")
-        for i in range(len(parts)):
-            if i < surfaces:
-                lines.append(f"  if (parts[{i}].relevel) {{ parts[{i}].relevel = false; {faces[i]} = index({i}); }}")
-            lines.append(
-                f"  if (moved[{i}]) {{ {points[i]} = sent(parts[{i}], false); {vectors[i]} = sent(parts[{i}], true); }}"
-            )
-        lines += ["}", "function release() {"]
-        lines += [f"  if (fresh[{i}]) {{ {r} = fresh[{i}]; fresh[{i}] = null; }}" for i, r in enumerate(rotations)]
-        return "\n".join([template, *lines, "}", ""])
 
     def _reroute(self, joints: dict[str, str]) -> None:
         """Routes that turn a joint go to the script."""
@@ -413,54 +313,6 @@ class _Writer:
         body.extend(Route(name, "fraction_changed", CLOCK, f"set_{name}") for name in sources)
 
 
-def _needed(body: Body, p: Program, soft: Soft) -> list[int]:
-    """Joints whose rotations the script must know: those of the contours and of soft points, and all above them."""
-    rows = soft.influences.joint
-    wanted = {int(j) for j in [*p.link.ravel(), *p.base, *p.frame, *rows] if 0 <= j < len(body.skeleton)}
-    for j in list(wanted):
-        while j >= 0:
-            wanted.add(j)
-            j = int(body.skeleton.parents[j])
-    return sorted(wanted)
-
-
-def _needs(body: Body, p: Program, surfaces: list[Contours], seen: list[Contours], soft: Soft) -> list[np.ndarray]:
-    """For each part the joints whose rotation changes its points, seen from the joint that it hangs on."""
-    first, out, each = 0, [], []
-    for s in [*surfaces, *seen]:
-        for k in range(first, first + len(s)):
-            steps = p.step[p.row[k] : p.row[k + 1]]
-            links = [*steps.tolist(), p.mitre_link[k], p.bulge_link[k]]
-            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist()})
-        first += len(s)
-        out.append(_between(body, set.union(*each[first - len(s) :])))
-    del out[len(surfaces) :]
-    turned = {s.joint: each[len(each) - len(seen) + n] for n, s in enumerate(seen)}
-    rows = soft.influences
-    root = int(np.flatnonzero(body.skeleton.parents < 0)[0])
-    start = 0
-    for end in soft.end.tolist():
-        used = {j if j < len(body.skeleton) else -1 for j in rows.joint[rows.row[start] : rows.row[end]].tolist()}
-        tied = [each[k] for k in np.unique(soft.tied[start:end]).tolist() if k >= 0]
-        out.append(_between(body, used.union({root}, *tied, *(turned[j] for j in used if j in turned))))
-        start = end
-    return out
-
-
-def _between(body: Body, joints: set[int]) -> np.ndarray:
-    """Joints on the ways between these, without the last one that they have in common: it turns them all alike."""
-    parents = body.skeleton.parents
-    paths = []
-    for j in joints:
-        path = []
-        while j >= 0:
-            path.append(j)
-            j = int(parents[j])
-        paths.append(set(path))
-    common = set.intersection(*paths)
-    return np.array(sorted(set.union(*paths) - common), np.int32)
-
-
 def _below(top: Node) -> list[Node]:
     """A node and all below it; scenes of ours are shallow."""
     out = [top]
@@ -471,6 +323,18 @@ def _below(top: Node) -> list[Node]:
 
 def _use(node: Node) -> Use:
     return Use(node.name, node, type=node.type)
+
+
+def _closed_faces(triangles: Ints) -> Ints:
+    """coordIndex of triangles (t,3): -1 after each."""
+    return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
+
+
+def _pictured(node: Node) -> bool:
+    """Whether the instance of a DefBodyTex names a picture."""
+    value = node.fields.get("tex")
+    words = parse(value, "MFString") if isinstance(value, Literal) else value
+    return isinstance(words, (str, list, tuple)) and any(words)
 
 
 def _text(value: object) -> str:

@@ -192,6 +192,16 @@ def _coarse(body: Body, surfaces: list[Contours], step: int) -> list[Ints]:
     return made
 
 
+def staying(surface: Contours) -> Ints:
+    """(n,) for each contour what levels that are added later keep: 2 all its points, as it is a seam or skin is sewn to
+    it, 1 the contour, as a ramp ends there, 0 neither."""
+    out = np.zeros(len(surface), np.int32)
+    out[_rows(surface, len(surface))] = 1
+    out[[0, -1]] = 2
+    out[np.unique(surface.tied[:, 1])] = 2
+    return out
+
+
 def _rows(surface: Contours, step: int) -> list[int]:
     """Contours that a level keeps; those of an open surface (half a torso) all at the same heights as the other's."""
     share = surface.swing

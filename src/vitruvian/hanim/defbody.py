@@ -41,14 +41,14 @@ _INTERFACE = (
     ("inputOutput", "SFBool", "spread", "FALSE"),
     ("inputOutput", "SFBool", "closed", "TRUE"),
 )
-_TEXTURE = (
+_PICTURE = (
     ("inputOutput", "MFString", "tex", "[ ]"),
     ("inputOutput", "SFVec2f", "Textranslation", "0 0"),
     ("inputOutput", "SFFloat", "Texrotation", "0"),
     ("inputOutput", "SFVec2f", "Texscale", "1 1"),
     ("inputOutput", "SFVec2f", "Texcenter", "0 0"),
-    ("inputOutput", "MFVec2f", "TexCoords", "[ ]"),
 )
+_TEXTURE = (*_PICTURE, ("inputOutput", "MFVec2f", "TexCoords", "[ ]"))
 _COLORS = (("inputOutput", "MFColor", "Colors", "[ ]"),)
 _BANDS = (
     ("initializeOnly", "MFInt32", "bands", "[ ]"),
@@ -121,6 +121,8 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         fields["bandShininess"] = np.array([_shininess(m) for _, m in bands])
     if textured and surface.uv is not None:
         fields["TexCoords"] = surface.uv.reshape(-1, 2)
+    if textured and isinstance(surface.node, Node):  # the picture that came with it, and where it lies
+        fields |= {f: v for _, _, f, _ in _PICTURE if (v := surface.node.fields.get(f)) is not None}
     if colored:
         own = surface.colors if surface.colors is not None else np.broadcast_to(look.color[:3], (count, each, 3))
         fields["Colors"] = np.clip(own.reshape(-1, 3), 0, 1)

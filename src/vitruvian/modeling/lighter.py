@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.pack import pack
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid, Joint, Material, Shape
+from vitruvian.modeling.flesh_rays import Flesh
 from vitruvian.motion.names import joint_index
 
 _SMALL = 0.12  # an influence below this part of the largest is left to the others
@@ -24,6 +26,9 @@ _INSIDE = ("teeth", "tongue")  # what a shut mouth hides
 _STIFF = ("hair", "brows", "lashes", "eyes")
 _CARD = 64  # loose pieces of a surface under so many triangles are dropped whole, the smallest first
 _SEEN = {"eyes": 3.0}  # what is looked at keeps more
+_INWARD = 0.03  # of the ways from the inner side of a surface out into the open: fewer, and nobody sees that side
+_LOOKS, _WAYS = 400, 26  # triangles of a surface from which that is tried, and directions
+_OFF = 1e-4  # metres: where such a way begins
 _ENDS = ("l_radiocarpal", "r_radiocarpal", "l_talocrural", "r_talocrural")
 
 
@@ -33,8 +38,9 @@ def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Huma
 
     Skin points are metres in humanoid space, in `skin_coord`. Small influences are dropped; hair, brows, lashes and eyes
     follow one joint each, and without `fingers` hands and feet follow the wrists and ankles, so that most of the skin is
-    rigid. Displacers of the skin are lost. Shapes with a texture stay apart; the others become one, with a colour per
-    point. A skin with fewer points keeps them. Raises VitruvianError for fewer than 100 points.
+    rigid. Displacers of the skin are lost. Shapes with a texture stay apart; the others become one with a colour per
+    point, or two, where the inner side of some can be seen (hair) and that of others cannot. A skin with fewer points
+    keeps them. Raises VitruvianError for fewer than 100 points.
     """
     if points < 100:
         raise VitruvianError(f"points of the skin: expected at least 100, found {points}")
@@ -42,7 +48,9 @@ def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Huma
     out = humanoid.copied()
     if not shapes:
         return out
-    sewn = np.concatenate([np.zeros(0, np.int32), *(s.tied[:, 0] for s in pack(humanoid).contours)])
+    body = pack(humanoid)
+    sewn = np.concatenate([np.zeros(0, np.int32), *(s.tied[:, 0] for s in body.contours)])
+    flesh = Flesh.of(body)
     joints = out.joints()
     table = _weights(humanoid, joints, fingers)
     share = np.array([_importance(humanoid.skin_coord, s) for s in shapes])
@@ -60,25 +68,43 @@ def lightened(humanoid: Humanoid, points: int, *, fingers: bool = False) -> Huma
     rows /= rows.sum(axis=1, keepdims=True)
     out.skin_coord, out.skin_normal = np.concatenate([place for place, _, _ in made]), None
     colors = np.concatenate([_color(s)(born) for s, (_, _, born) in zip(shapes, made, strict=True)])
-    out.skin, plain = [], []
+    out.skin = []
+    plain: dict[bool, list[Ints]] = {False: [], True: []}
     for s, (_, faces, born), start in zip(shapes, made, first[:-1], strict=True):
         triangles = (faces + start).astype(np.int32)
         if s.material.node is None:
-            plain.append(triangles)
+            plain[s.material.double_sided and _seen_inside(flesh, s.triangles)].append(triangles)
             continue
         uv = np.zeros((len(colors), 2))
         uv[start : start + len(born)] = _texture(humanoid.skin_coord, s)[born]
         mine = colors if s.colors is not None else None
         out.skin.append(_bare(s, triangles, mine, None if s.uv is None else uv))
-    if plain:
-        look = Material("skin", roughness=1.0, double_sided=True)  # no highlights, as contours have none
-        one = _bare(replace(shapes[0], name="skin", material=look), np.concatenate(plain), colors, None)
-        out.skin.insert(0, one)
+    for both, pieces in plain.items():
+        if pieces:
+            # no highlights, as contours have none
+            look = Material("hair" if both else "skin", roughness=1.0, double_sided=both)
+            one = _bare(replace(shapes[0], name=look.name, material=look), np.concatenate(pieces), colors, None)
+            out.skin.insert(int(both and len(plain[False]) > 0), one)
     for number, joint in enumerate(joints):
         here = np.flatnonzero(rows[:, number] > 0)
         joint.skin_coord_index, joint.skin_coord_weight = here.astype(np.int32), rows[here, number]
         joint.displacers = []
     return out.settled()
+
+
+def _seen_inside(flesh: Flesh, triangles: Ints) -> bool:
+    """Whether the inner side of a surface (t,3) can be seen at rest: whether ways from there lead out between the body's
+    other surfaces. The loose sheets of hair show it, clothes that a body fills do not."""
+    some = triangles[np.unique(np.linspace(0, len(triangles) - 1, _LOOKS).astype(int))]
+    a, b, c = np.moveaxis(flesh.points[some], 1, 0)
+    inward = unit(np.cross(c - a, b - a))
+    k = np.arange(_WAYS) + 0.5
+    height, turn = 1 - 2 * k / _WAYS, np.pi * (1 + 5**0.5) * k  # directions spread evenly
+    flat = np.sqrt(1 - height * height)
+    ways = np.stack([flat * np.cos(turn), height, flat * np.sin(turn)], axis=1)
+    face, way = np.nonzero(inward @ ways.T > 0.1)
+    eyes = ((a + b + c) / 3 + _OFF * inward)[face]
+    return len(face) > 0 and float(np.isinf(flesh.look(eyes, ways[way])[0]).mean()) > _INWARD
 
 
 def _bare(shape: Shape, triangles: Ints, colors: Floats | None, uv: Floats | None) -> Shape:
