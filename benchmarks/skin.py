@@ -17,7 +17,6 @@ from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import from_vector
 from vitruvian.body.types import Body, Skeleton, Skin, Weights
 from vitruvian.deform.deformer import Deformer, deformer
-from vitruvian.deform.operators import blend_linear
 from vitruvian.native import kernels
 
 
@@ -139,10 +138,7 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
 
     buckets = bound["linear"].operator.buckets  # type: ignore[attr-defined]
     table = native.linear_table(matrices)
-
-    def kernel() -> None:
-        for bucket in buckets:
-            blend_linear(native, table, bucket, result, 0)
+    program = bound["linear"].operator.laid.program(None)  # type: ignore[attr-defined]
 
     def touch(matrices: np.ndarray | None) -> None:
         b = buckets[0]  # all but the few vertices that share their joints with fewer than seven others
@@ -150,7 +146,7 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
 
     assert buckets[0].count > 0.99 * vertices
     tasks: dict[str, Callable[[], object]] = {
-        "kernel": kernel,
+        "kernel": lambda: native.linear(program, table, result, 0),
         "usd": usd,
         "touch": lambda: touch(table[0]),
         "usd-dq": lambda: usd_dq("dualQuaternion"),

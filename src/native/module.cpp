@@ -162,39 +162,75 @@ nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices, bool still
 template <class T>
 using AnyArray = nb::ndarray<const T, nb::numpy, nb::c_contig, nb::device::cpu>;
 
-// out (F,V,3) points or (F,V,12) transforms.
-void linear(Array<float, 3> table, AnyArray<float> rest, AnyArray<int32_t> joint, AnyArray<float> weight,
-            std::optional<Array<int32_t, 1>> row, std::optional<Array<int32_t, 1>> target, int influences,
-            int64_t count, Output<float, 3> out, int threads) {
-    check(joint.size() == weight.size() && int64_t(rest.size()) >= count * 3, "bucket does not fit together");
-    check(int64_t(joint.size()) >= count * influences && (influences > 0) == !row, "bucket does not fit together");
-    check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), false};
-    const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
-    const int64_t stride = int64_t(out.shape(1) * out.shape(2));
-    const bool whole = out.shape(2) == 12;
-    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
-    const int64_t block = frames > 1 ? kBlock : kRun;
-    each(blocks(count, block), workers, [&](int64_t i) {
-        use.linear(bucket, i * block, stop(i, count, block), frames, joints, table.data(), out.data(), stride, whole);
-    });
+// What owns all of the arrays.
+template <class... A>
+std::shared_ptr<void> keep(const A&... arrays) {
+    return std::make_shared<std::tuple<A...>>(arrays...);
 }
 
-// The same for a bucket in lanes.
-void linear_lanes(Array<float, 3> table, Array<float, 3> rest, Array<int32_t, 2> joint, Array<float, 3> weight,
-                  std::optional<Array<int32_t, 1>> target, int64_t count, Output<float, 3> out, int threads) {
-    const size_t groups = size_t(count + 7) / 8, width = joint.shape(1);
-    check(rest.shape(0) == groups && joint.shape(0) == groups && weight.shape(0) == groups, "bucket does not fit together");
-    check(weight.shape(1) == width && weight.shape(2) == 8 && rest.shape(2) == 8, "bucket does not fit together");
-    check(width == 1 || width == 2 || width == 4 || width == 8, "no kernel so wide");
+// Buckets with what operators hang on them, and the arrays that they point into.
+struct Laid {
+    vt::Bucket bucket;
+    bool lanes;
+    const int32_t *base, *set;  // of each place
+    const float *center, *carry;
+};
+
+struct Buckets {
+    std::vector<Laid> laid;
+    std::vector<std::shared_ptr<void>> arrays;
+    int64_t count = 0;
+
+    // Calls work(laid, first vertex, stop) for all parts, on some threads; a vertex costs `cost` times as much as in linear
+    // blending.
+    template <class F>
+    void each_part(int64_t frames, int threads, int cost, F&& work) const {
+        const int64_t block = frames > 1 ? kBlock : kRun;
+        int64_t parts = 0;
+        for (const Laid& l : laid) parts += blocks(l.bucket.count, block);
+        each(parts, vt::threads_for(count * cost * (frames < 4 ? frames : 4), threads), [&](int64_t i) {
+            const Laid* l = laid.data();
+            for (int64_t n; i >= (n = blocks(l->bucket.count, block)); ++l) i -= n;
+            work(*l, i * block, stop(i, l->bucket.count, block));
+        });
+    }
+};
+
+void add_bucket(Buckets& all, int influences, int lanes, int64_t count, AnyArray<float> rest, AnyArray<int32_t> joint,
+                AnyArray<float> weight, std::optional<Array<int32_t, 1>> row, std::optional<Array<int32_t, 1>> target,
+                bool shared, std::optional<AnyArray<int32_t>> base, std::optional<AnyArray<int32_t>> set,
+                std::optional<AnyArray<float>> center, std::optional<AnyArray<float>> carry) {
+    const char* wrong = "bucket does not fit together";
+    const int64_t places = lanes == 8 ? (count + 7) / 8 * 8 : count, width = influences;
+    check(lanes == 1 || lanes == 8, wrong);
+    check(int64_t(rest.size()) == places * 3 && (!target || int64_t(target->size()) >= count), wrong);
+    if (lanes == 1) {
+        check(joint.size() == weight.size() && int64_t(joint.size()) >= count * width && (width > 0) == !row, wrong);
+        check(!row || int64_t(row->size()) == count + 1, wrong);
+    } else {
+        check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
+        check(int64_t(weight.size()) == places * width, wrong);
+        check(int64_t(joint.size()) == (shared ? places / 8 : places) * width, wrong);
+    }
+    check((!base || int64_t(base->size()) == places) && (!set || int64_t(set->size()) == places), wrong);
+    check((!center || int64_t(center->size()) == places * 3) && (!center == !carry), wrong);
+    check(!carry || carry->size() == weight.size(), wrong);
+    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), shared};
+    all.laid.push_back({bucket, lanes == 8, data(base), data(set), data(center), data(carry)});
+    all.arrays.push_back(keep(rest, joint, weight, row, target, base, set, center, carry));
+    all.count += count;
+}
+
+// out (F,V,3) points or (F,V,12) transforms.
+void linear(const Buckets& buckets, Array<float, 3> table, Output<float, 3> out, int threads) {
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
-    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), true};
-    const int64_t frames = int64_t(table.shape(0)), stride = int64_t(out.shape(1) * out.shape(2));
-    const int workers = vt::threads_for(count * (frames < 4 ? frames : 4), threads);
-    const int64_t block = frames > 1 ? kBlock : kRun;
-    each(blocks(count, block), workers, [&](int64_t i) {
-        use.linear_lanes(bucket, i * block, stop(i, count, block), frames, int64_t(table.shape(1)), table.data(),
-                         out.data(), stride, out.shape(2) == 12);
+    for (const Laid& l : buckets.laid)
+        check(!l.lanes || (l.bucket.shared && l.bucket.influences <= 8), "no linear kernel for that bucket");
+    const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
+    const int64_t stride = int64_t(out.shape(1) * out.shape(2));
+    buckets.each_part(frames, threads, 1, [&](const Laid& l, int64_t first, int64_t last) {
+        (l.lanes ? use.linear_lanes : use.linear)(l.bucket, first, last, frames, joints, table.data(), out.data(),
+                                                  stride, out.shape(2) == 12);
     });
 }
 
@@ -275,24 +311,14 @@ nb::ndarray<nb::numpy, float> turn_shares(Array<double, 4> matrices, Array<int32
 
 // out (F,V,3) points or (F,V,12) transforms; `steps` -1 means that the table holds half twists. `linear` (F,J+1,16) with
 // `share` (F or 1, S) and `set` (8 G) fades from linear blending; with `center` and `carry` it moves centres.
-void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
-           std::optional<Array<float, 3>> bases, std::optional<AnyArray<int32_t>> base, Array<float, 3> rest,
-           AnyArray<int32_t> joint, Array<float, 3> weight, std::optional<Array<int32_t, 1>> target, int64_t count,
-           Output<float, 3> out, int threads, std::optional<Array<float, 3>> linear,
-           std::optional<Array<float, 2>> share, std::optional<AnyArray<int32_t>> set,
-           std::optional<Array<float, 3>> center, std::optional<Array<float, 3>> carry) {
-    const size_t groups = size_t(count + 7) / 8, width = weight.shape(1);
-    const bool shared = joint.ndim() == 2;
-    check(rest.shape(0) == groups && weight.shape(0) == groups && weight.shape(2) == 8, "bucket does not fit together");
-    check(joint.size() == groups * width * (shared ? 1 : 8), "bucket does not fit together");
-    check(!base || base->size() == groups * 8, "base does not fit");
-    check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
+void rigid(const Buckets& buckets, Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> agree,
+           std::optional<Array<float, 3>> bases, Output<float, 3> out, int threads,
+           std::optional<Array<float, 3>> linear, std::optional<Array<float, 2>> share) {
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
     check(!linear || (linear->shape(0) == table.shape(0) && steps >= 0), "linear does not fit");
-    check(!share || (linear && set && set->size() == groups * 8), "share does not fit");
-    check(!share || share->shape(0) == 1 || share->shape(0) == table.shape(0), "share does not fit");
-    check(!center || (linear && carry && center->shape(0) == groups && carry->size() == weight.size()), "center does not fit");
-    const vt::Bucket bucket{int(width), count, rest.data(), joint.data(), weight.data(), nullptr, data(target), shared};
+    check(!share || (linear && (share->shape(0) == 1 || share->shape(0) == table.shape(0))), "share does not fit");
+    for (const Laid& l : buckets.laid)
+        check(l.lanes && (!bases || l.base) && (!share || l.set) && (!l.center || linear), "bucket does not fit");
     vt::RigidJob job{};
     job.frames = int64_t(out.shape(0));
     job.vertices = int64_t(out.shape(1));
@@ -303,20 +329,20 @@ void rigid(Array<float, 3> table, int steps, std::optional<Array<uint8_t, 1>> ag
     job.twists = steps < 0;
     job.bases = data(bases);
     job.base_rows = bases ? int64_t(bases->shape(1)) : 0;
-    job.base = data(base);
     job.linear.table = data(linear);
     job.linear.share = data(share);
     job.linear.share_stride = share && share->shape(0) > 1 ? int64_t(share->shape(1)) : 0;
-    job.linear.set = data(set);
-    job.linear.center = data(center);
-    job.linear.carry = data(carry);
     job.joints = linear ? int64_t(linear->shape(1)) : 0;
     job.out = out.data();
     job.whole = out.shape(2) == 12;
-    const int workers = vt::threads_for(count * (job.frames < 4 ? job.frames : 4), threads);
-    const int64_t block = job.frames > 1 ? kBlock : kRun;
-    each(blocks(count, block), workers,
-         [&](int64_t i) { use.rigid(bucket, i * block, stop(i, count, block), job); });
+    buckets.each_part(job.frames, threads, 3, [&](const Laid& l, int64_t first, int64_t last) {
+        vt::RigidJob own = job;
+        own.base = l.base;
+        own.linear.set = l.set;
+        own.linear.center = l.center;
+        own.linear.carry = l.carry;
+        use.rigid(l.bucket, first, last, own);
+    });
 }
 
 // Unit normals out (F,V,3) of points (F,V,3).
@@ -348,8 +374,8 @@ struct Bound {
 };
 
 template <class Program, class... A>
-Bound<Program> keep(const Program& program, int64_t joints, A&&... arrays) {
-    return {program, std::make_shared<std::tuple<std::decay_t<A>...>>(std::move(arrays)...), joints};
+Bound<Program> bind(const Program& program, int64_t joints, A&&... arrays) {
+    return {program, keep(std::forward<A>(arrays)...), joints};
 }
 
 Bound<vt::ContourProgram> bind_contours(
@@ -366,7 +392,7 @@ Bound<vt::ContourProgram> bind_contours(
                                      bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
                                      middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),
                                      mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data()};
-    return keep(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
+    return bind(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
                 along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link);
 }
 
@@ -408,7 +434,7 @@ Bound<vt::HandJob> bind_hand(
                           start.data(), end.data(), axis_near.data(), axis_far.data(), normal_near.data(),
                           normal_far.data(), vertex.data(), whole.data(), block_link.data(), block_vertex.data(),
                           term.data(), pair.data(), gap_vertex.data(), gap.data()};
-    return keep(job, joints, before, near, far, previous, start, end, axis_near, axis_far, normal_near, normal_far,
+    return bind(job, joints, before, near, far, previous, start, end, axis_near, axis_far, normal_near, normal_far,
                 vertex, whole, block_link, block_vertex, term, pair, gap_vertex, gap);
 }
 
@@ -440,11 +466,13 @@ NB_MODULE(_native, m) {
           nb::arg("translation"), nb::arg("root").none(), nb::arg("stretch").none(), nb::arg("binding").none(),
           nb::arg("out"), nb::arg("threads") = 0);
     m.def("linear_table", &linear_table, nb::arg("matrices"), nb::arg("still") = false);
-    m.def("linear", &linear, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
-          nb::arg("row").none(), nb::arg("target").none(), nb::arg("influences"), nb::arg("count"), nb::arg("out"),
-          nb::arg("threads") = 0);
-    m.def("linear_lanes", &linear_lanes, nb::arg("table"), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
-          nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
+    nb::class_<Buckets>(m, "Buckets")
+        .def(nb::init<>())
+        .def("add", &add_bucket, nb::arg("influences"), nb::arg("lanes"), nb::arg("count"), nb::arg("rest"),
+             nb::arg("joint"), nb::arg("weight"), nb::arg("row").none(), nb::arg("target").none(), nb::arg("shared"),
+             nb::arg("base") = nb::none(), nb::arg("set") = nb::none(), nb::arg("center") = nb::none(),
+             nb::arg("carry") = nb::none());
+    m.def("linear", &linear, nb::arg("buckets"), nb::arg("table"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("deviation", &deviation, nb::arg("matrices"));
@@ -455,11 +483,9 @@ NB_MODULE(_native, m) {
     m.def("turn_shares", &turn_shares, nb::arg("matrices"), nb::arg("tree"), nb::arg("left"), nb::arg("follow"),
           nb::arg("memory").none(), nb::arg("pairs"), nb::arg("low"), nb::arg("high"), nb::arg("hard"), nb::arg("row"),
           nb::arg("member"));
-    m.def("rigid", &rigid, nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(), nb::arg("bases").none(),
-          nb::arg("base").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"), nb::arg("target").none(),
-          nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0, nb::arg("linear") = nb::none(),
-          nb::arg("share") = nb::none(), nb::arg("set") = nb::none(), nb::arg("center") = nb::none(),
-          nb::arg("carry") = nb::none());
+    m.def("rigid", &rigid, nb::arg("buckets"), nb::arg("table"), nb::arg("steps"), nb::arg("agree").none(),
+          nb::arg("bases").none(), nb::arg("out"), nb::arg("threads") = 0, nb::arg("linear") = nb::none(),
+          nb::arg("share") = nb::none());
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
           nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
     nb::set_leak_warnings(false);  // programs bound by objects that live until the interpreter ends

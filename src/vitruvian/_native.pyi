@@ -29,28 +29,27 @@ def forward_kinematics(
 def linear_table(matrices: Double, still: bool = False) -> Single:
     """(F,J,4,4) to (F,J,16): M - I by columns of four; with `still` one more, which does not move."""
 
-def linear_lanes(
-    table: Single,
-    rest: Single,
-    joint: Ints,
-    weight: Single,
-    target: Ints | None,
-    count: int,
-    out: Single,
-    threads: int = 0,
-) -> None: ...
-def linear(
-    table: Single,
-    rest: Single,
-    joint: Ints,
-    weight: Single,
-    row: Ints | None,
-    target: Ints | None,
-    influences: int,
-    count: int,
-    out: Single,
-    threads: int = 0,
-) -> None: ...
+class Buckets:
+    """What `vitruvian.deform.bind.Laid` binds to the kernels."""
+
+    def add(
+        self,
+        influences: int,
+        lanes: int,
+        count: int,
+        rest: Single,
+        joint: Ints,
+        weight: Single,
+        row: Ints | None,
+        target: Ints | None,
+        shared: bool,
+        base: Ints | None = None,
+        set: Ints | None = None,
+        center: Single | None = None,
+        carry: Single | None = None,
+    ) -> None: ...
+
+def linear(buckets: Buckets, table: Single, out: Single, threads: int = 0) -> None: ...
 def touch(
     table: Single | None,
     rest: Single,
@@ -61,7 +60,7 @@ def touch(
     out: Single,
     threads: int = 0,
 ) -> None:
-    """The loads and stores of `linear_lanes` with four influences, for benchmarks."""
+    """The loads and stores of `linear` in lanes with four influences, for benchmarks."""
 
 def deviation(matrices: Double) -> float:
     """How far the 3x3 parts of (F,J,4,4) are from rotations; 2 or more where one mirrors."""
@@ -92,23 +91,15 @@ def turn_shares(
     """(F,S): from 0 to 1 as the largest angle of a set's pairs goes from low to high (P,)."""
 
 def rigid(
+    buckets: Buckets,
     table: Single,
     steps: int,
     agree: Bytes | None,
     bases: Single | None,
-    base: Ints | None,
-    rest: Single,
-    joint: Ints,
-    weight: Single,
-    target: Ints | None,
-    count: int,
     out: Single,
     threads: int = 0,
     linear: Single | None = None,
     share: Single | None = None,
-    set: Ints | None = None,
-    center: Single | None = None,
-    carry: Single | None = None,
 ) -> None: ...
 def normals(
     points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,12 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Weights, require
 from vitruvian.errors import warn
+from vitruvian.native import kernels
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+    from vitruvian import _native
 
 RULES = ("as_file", "normalise")
 MATRIX, DUAL = 16, 8  # floats per joint in the tables of the linear and of the rigid kernels
@@ -161,9 +165,33 @@ class Bucket:
         """Values per vertex (V,k) as this bucket lays them out: (n,k) or (g,k,lanes)."""
         return _lay(values[self.vertices], self.lanes).astype(np.float32)
 
-    def moved(self, rest: Floats) -> Bucket:
-        """The same bucket for other rest positions (V,3)."""
-        return replace(self, rest=self.lay(rest))
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Buckets, and what an operator hangs on each, handed to the kernels once: a call with an array takes longer than
+    some buckets. `more`: arrays for each bucket, by the names of `_native.Buckets.add`.
+    """
+
+    buckets: tuple[Bucket, ...]
+    more: tuple[Mapping[str, NDArray], ...] = ()
+
+    @cached_property
+    def _program(self) -> _native.Buckets:
+        return self._bind(None)
+
+    def program(self, rest: Floats | None) -> _native.Buckets:
+        """For the rest positions of the buckets, or others (V,3)."""
+        return self._program if rest is None else self._bind(rest)
+
+    def _bind(self, rest: Floats | None) -> _native.Buckets:
+        native = kernels()
+        assert native is not None
+        made = native.Buckets()
+        for i, b in enumerate(self.buckets):
+            points = b.rest if rest is None else b.lay(rest)
+            more = self.more[i] if self.more else {}
+            made.add(b.width, b.lanes, b.count, points, b.joint, b.weight, b.row, b.target, b.shared, **more)
+        return made
 
 
 def _lay(array: NDArray, lanes: int) -> NDArray:

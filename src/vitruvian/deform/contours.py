@@ -10,7 +10,7 @@ Source: cross-section deformation of H-Anim bodies, formulas (2) and (3); the ex
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vitruvian.body.contours import Contours
 from vitruvian.body.rotations import from_matrix, from_vector, inverse, multiply, to_matrix, unit
 from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights
-from vitruvian.deform.bind import Influences, bind
+from vitruvian.deform.bind import Influences, bind, plain_buckets
 from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
 from vitruvian.deform.operators import Linear, Rigid
@@ -352,10 +352,19 @@ class ContourOperator:
     def seen(self) -> tuple[Ints, Program] | None:
         """Joints that vertices outside the contours see turned otherwise, and how: without the twist that contours
         sewn to them spread below, and with the twist that contours have taken up above."""
-        found = retwisted([s for s in self.body.contours if s.name not in self.off])
+        found = self._retwisted
         if not found:
             return None
         return np.array([s.joint for s in found], np.int32), program(self.body, found, paper=self.paper)
+
+    @cached_property
+    def _retwisted(self) -> list[Contours]:
+        return retwisted([s for s in self.body.contours if s.name not in self.off])
+
+    @property
+    def retwists(self) -> dict[int, list[int]]:
+        """For the joints of `seen`, whose turns they are seen to have shares of."""
+        return {s.joint: list(s.joints) for s in self._retwisted}
 
     @cached_property
     def carried(self) -> Linear:
@@ -368,11 +377,9 @@ class ContourOperator:
         row[1:] = np.cumsum(motion >= 0)
         rows = Influences(row, motion[some].astype(np.int32), np.ones(len(some)), joints + len(self.program))
         linear = Linear(rows, self.body.skin.rest, self.threads)
-        if self.spared is not None:
-            (b,) = linear.buckets  # all points have one motion at most
-            left = np.flatnonzero(~self.spared & (motion >= 0)).astype(np.int32)
-            part = {name: getattr(b, name)[left] for name in ("rest", "joint", "weight")}
-            linear.__dict__["buckets"] = (replace(b, count=len(left), vertices=left, target=left, **part),)
+        left = None if self.spared is None else np.flatnonzero(~self.spared & (motion >= 0)).astype(np.int32)
+        # One joint each: lanes would only cut contours into pieces.
+        linear.__dict__["buckets"] = plain_buckets(rows, self.body.skin.rest, left)
         return linear
 
     @cached_property
@@ -405,16 +412,24 @@ class ContourOperator:
 
     @cached_property
     def blended(self) -> tuple[Painted, Ints]:
-        """What moves `_alike[0]`, and the joints whose matrices it takes: few bodies need all of them."""
+        """What moves `_alike[0]`, and the joints whose matrices it takes: few bodies need all of them, though what is on
+        the way to the root counts for the signs of turns."""
         skin, skeleton, chosen = self.body.skin, self.body.skeleton, self._alike[0]
         weights = skin.weights
         place = np.full(len(weights), -1, np.int64)
         place[chosen] = np.arange(len(chosen))
         keep = place[weights.vertex] >= 0
-        used, joint = np.unique(weights.joint[keep], return_inverse=True)
-        used = used if len(used) else np.zeros(1, np.int32)
-        some = Weights.from_pairs(len(chosen), place[weights.vertex[keep]], joint, weights.weight[keep])
-        own = Skeleton(tuple(skeleton.names[j] for j in used), np.full(len(used), -1), skeleton.centers[used])
+        needed = np.zeros(len(skeleton), bool)
+        needed[weights.joint[keep]] = True
+        needed[0] |= not needed.any()
+        for j in range(len(skeleton) - 1, 0, -1):  # parents come first
+            needed[skeleton.parents[j]] |= needed[j] and skeleton.parents[j] >= 0
+        used, number = np.flatnonzero(needed).astype(np.int32), np.cumsum(needed) - 1
+        parents = np.where(skeleton.parents[used] >= 0, number[skeleton.parents[used]], -1)
+        some = Weights.from_pairs(
+            len(chosen), place[weights.vertex[keep]], number[weights.joint[keep]], weights.weight[keep]
+        )
+        own = Skeleton(tuple(skeleton.names[j] for j in used), parents, skeleton.centers[used])
         body = Body(self.body.name, own, Skin(skin.rest[chosen], np.zeros((0, 3), np.int32), some))
         linear = Linear(bind(some, len(used)), body.skin.rest, self.threads)
         rigid = Rigid("log", body, bind(some, len(used), rigid=True), 1, self.follow, self.threads)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
-from vitruvian.deform.bind import Influences
+from vitruvian.deform.bind import Influences, Laid
 from vitruvian.deform.operators import Linear, Operator, Rigid, Sets
 
 FLOOR = 1e-3  # metres: the least radius that an angle is derived from
@@ -103,7 +103,7 @@ class Hybrid:
         return replace(pairs, low=limit / 2, high=limit, hard=not self.fade)
 
     @cached_property
-    def laid(self) -> list[dict[str, NDArray]]:
+    def laid(self) -> Laid:
         return self.log.laid(self.sets.group)
 
     def points(self, matrices: Floats, out: NDArray[np.float32], rest: Floats | None = None) -> None:
@@ -129,7 +129,7 @@ class Painted:
         return 1 - np.sum([paint for _, paint in self.others], axis=0)
 
     @cached_property
-    def laid(self) -> tuple[Ints, list[dict[str, NDArray]]]:
+    def laid(self) -> tuple[Ints, Laid]:
         """For a rigid operator over linear blending: every vertex is a set of its own."""
         operator, paint = self.others[0]
         assert isinstance(operator, Rigid)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.rotations import from_matrix, from_vector, to_matrix, to_vector
 from vitruvian.body.types import Body, Floats, Ints, Skeleton, require
+from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.deformer import Deformer
 from vitruvian.deform.hands import HandOperator, HandProgram, place
 from vitruvian.deform.operators import Operator
@@ -202,9 +203,12 @@ def local_operators(deformer: Deformer) -> tuple[LocalOperator, ...]:
     taken = np.zeros(len(skin.rest), bool)
     out: list[LocalOperator] = []
 
+    seen = base.retwists if isinstance(base, ContourOperator) else {}
+
     def bound(name: str, domain: Ints, extra: Sequence[int], **more: object) -> None:
         own = np.isin(weights.vertex, domain) & (weights.weight > 0)
-        joints, anchor = family(skeleton, [*np.unique(weights.joint[own]).tolist(), *extra])
+        held = np.unique(weights.joint[own]).tolist()
+        joints, anchor = family(skeleton, [*held, *(k for j in held for k in seen.get(j, ())), *extra])
         out.append(Bound(name, domain, joints, anchor, skeleton, skin.rest, base, **more))  # type: ignore[arg-type]
         taken[domain] = True
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform import twins
-from vitruvian.deform.bind import DUAL, LANES, Bucket, Influences, lane_buckets, linear_buckets
+from vitruvian.deform.bind import DUAL, Bucket, Influences, Laid, lane_buckets, linear_buckets
 from vitruvian.deform.motions import RIGID, chain, choose_signs, factor, joint_duals
 from vitruvian.deform.se3 import to_frame
 from vitruvian.native import kernels
@@ -44,6 +44,10 @@ class Linear:
     def buckets(self) -> tuple[Bucket, ...]:
         return linear_buckets(self.rows, self.rest)
 
+    @cached_property
+    def laid(self) -> Laid:
+        return Laid(self.buckets)
+
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
         native = kernels()
         if native is None:
@@ -51,10 +55,7 @@ class Linear:
             for f, frame in enumerate(matrices):
                 out[f] = apply(twins.linear(self.rows, frame), points)
             return
-        table = native.linear_table(matrices)
-        for b in self.buckets:
-            moved = b if rest is None else b.moved(rest)
-            blend_linear(native, table, moved, out, self.threads)
+        native.linear(self.laid.program(rest), native.linear_table(matrices), out, self.threads)
 
     def frames(self, matrices: Floats, out: Single) -> None:
         native = kernels()
@@ -62,17 +63,8 @@ class Linear:
             for f, frame in enumerate(matrices):
                 out[f] = twins.linear(self.rows, frame)
             return
-        table, flat = native.linear_table(matrices), out.reshape(len(out), -1, 12)
-        for b in self.buckets:
-            blend_linear(native, table, b, flat, self.threads)
-
-
-def blend_linear(native: ModuleType, table: Single, b: Bucket, out: Single, threads: int) -> None:
-    """One bucket of out (F,V,3) or (F,V,12), by a table of `native.linear_table`."""
-    if b.lanes == LANES:
-        native.linear_lanes(table, b.rest, b.joint, b.weight, b.target, b.count, out, threads)
-    else:
-        native.linear(table, b.rest, b.joint, b.weight, b.row, b.target, b.width, b.count, out, threads)
+        flat = out.reshape(len(out), -1, 12)
+        native.linear(self.laid.program(None), native.linear_table(matrices), flat, self.threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +91,12 @@ class Rigid:
         return lane_buckets(rows, self.body.skin.rest)
 
     @cached_property
-    def bases(self) -> list[Ints]:
-        """The joint with the largest weight of each vertex, as each bucket lays vertices out."""
+    def plain(self) -> Laid:
+        """The buckets, for "log-pair" with the joint with the largest weight of each vertex."""
+        if self.kind != "log-pair":
+            return Laid(self.buckets)
         pivot = self.rows.joint[self.rows.row[:-1]][:, None]
-        return [b.lay(pivot).astype(np.int32) * np.int32(DUAL) for b in self.buckets]
+        return Laid(self.buckets, tuple({"base": b.lay(pivot).astype(np.int32) * np.int32(DUAL)} for b in self.buckets))
 
     @cached_property
     def used(self) -> Ints:
@@ -145,9 +139,9 @@ class Rigid:
             out[f, :, :, :3] = linear @ first[0, :, :, :3]
             out[f, :, :, 3] += np.einsum("vab,vb->va", linear, first[0, :, :, 3])
 
-    def laid(self, group: Ints) -> list[dict[str, NDArray]]:
-        """The set (V,) of each vertex as the kernel wants it; for `faded`."""
-        return [{"set": b.lay(group[:, None]).astype(np.int32)} for b in self.buckets]
+    def laid(self, group: Ints) -> Laid:
+        """With the set (V,) of each vertex; for `faded`."""
+        return Laid(self.buckets, tuple({"set": b.lay(group[:, None]).astype(np.int32)} for b in self.buckets))
 
     def faded(
         self,
@@ -156,7 +150,7 @@ class Rigid:
         rest: Floats | None,
         share: Single,
         group: Ints,
-        sets: list[dict[str, NDArray]],
+        sets: Laid,
     ) -> None:
         """`points` into out (F,V,3), or `frames` into out (F,V,3,4), mixed with linear blending.
 
@@ -164,7 +158,7 @@ class Rigid:
         `sets`.
         """
         if kernels() is not None and self.kind in SIGNED and self.factored(matrices)[1] is None:
-            self._run(matrices, out, rest, [{"share": share, **s} for s in sets])
+            self._run(matrices, out, rest, sets, share)
             return
         other = np.empty_like(out)
         if out.ndim == 4:
@@ -175,11 +169,12 @@ class Rigid:
             self.points(matrices, other, rest)
         out += share[:, group].reshape(len(share), len(group), *(1,) * (out.ndim - 2)) * (other - out)
 
-    def centred(self, matrices: Floats, out: Single, rest: Floats | None, centers: list[dict[str, NDArray]]) -> bool:
-        """Points that turn about moving centres, laid out for the buckets; False where only the twins can do it."""
+    def centred(self, matrices: Floats, out: Single, rest: Floats | None, centers: Laid, share: Single) -> bool:
+        """Points that turn about moving centres in buckets that have them, as far as `share` (1,V) says; False where only
+        the twins can do it."""
         if kernels() is None or self.factored(matrices)[1] is not None:
             return False
-        self._run(matrices, out, rest, centers)
+        self._run(matrices, out, rest, centers, share)
         return True
 
     def shares(self, matrices: Floats, sets: Sets) -> Single:
@@ -201,22 +196,19 @@ class Rigid:
         return factor(matrices, self.body.skeleton, self.used)
 
     def _run(
-        self, rigid: Floats, out: Single, rest: Floats | None, more: list[dict[str, NDArray]] | None = None
+        self, rigid: Floats, out: Single, rest: Floats | None, laid: Laid | None = None, share: Single | None = None
     ) -> None:
         native = kernels()
         if native is None:
             self._run_numpy(rigid, out, rest)
             return
         table, steps, agree, bases = self._table(native, rigid)
-        still = {} if more is None else {"linear": native.linear_table(rigid, True)}
         flat = out.reshape(len(out), -1, 12) if out.ndim == 4 else out
-        for i, b in enumerate(self.buckets):
-            points = b.rest if rest is None else b.lay(rest)
-            base = None if bases is None else self.bases[i]
-            extra = {} if more is None else still | more[i]
-            native.rigid(
-                table, steps, agree, bases, base, points, b.joint, b.weight, b.target, b.count, flat, self.threads, **extra
-            )  # fmt: skip
+        if laid is None:
+            native.rigid(self.plain.program(rest), table, steps, agree, bases, flat, self.threads)
+        else:
+            linear = native.linear_table(rigid, True)
+            native.rigid(laid.program(rest), table, steps, agree, bases, flat, self.threads, linear, share)
 
     def _table(self, native: ModuleType, rigid: Floats) -> tuple[Single, int, NDArray | None, Single | None]:
         """What the kernel blends: dual quaternions, or half twists (steps -1) with their base motions."""

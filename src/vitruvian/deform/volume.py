@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Body, Floats, Ints
-from vitruvian.deform.bind import DUAL, WIDTHS, Influences
+from vitruvian.deform.bind import DUAL, WIDTHS, Influences, Laid
 from vitruvian.deform.operators import Linear, Rigid, apply
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ class Volume:
         return Linear(kept, self.center, self.rigid.threads)
 
     @cached_property
-    def laid(self) -> list[dict[str, NDArray]]:
-        """Centres, and the weights that carry them, as the kernel wants them."""
+    def laid(self) -> tuple[Laid, NDArray[np.float32]]:
+        """Buckets with centres and the weights that carry them, and the share (1,V) of what turns about them."""
         kept = self.carried.rows
         out = []
         for b in self.rigid.buckets:
@@ -92,14 +92,13 @@ class Volume:
                 {
                     "center": b.lay(self.center),
                     "carry": np.ascontiguousarray(carry, dtype=np.float32),
-                    "share": self.share[None].astype(np.float32),
                     "set": b.vertices.astype(np.int32),
                 }
             )
-        return out
+        return Laid(self.rigid.buckets, tuple(out)), self.share[None].astype(np.float32)
 
     def points(self, matrices: Floats, out: Single, rest: Floats | None = None) -> None:
-        if self.rigid.centred(matrices, out, rest, self.laid):
+        if self.rigid.centred(matrices, out, rest, *self.laid):
             return
         self.rigid.points(matrices, out, rest)
         moved = self._placed(self.carried, matrices) - self._placed(self.turned, matrices)
