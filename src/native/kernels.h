@@ -102,7 +102,7 @@ struct HandJob {
     void face_normals(int64_t first, int64_t last, int64_t count, const float* points, const int32_t* triangle,       \
                       float* out);                                                                                    \
     void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,    \
-                        const int32_t* point, float* out);                                                            \
+                        const int32_t* point, const int32_t* order, float* out);                                      \
     void contour_links(const double* matrix, const ContourProgram& program, bool follow, bool fresh, double* before,  \
                        double* out);                                                                                  \
     void contour_turns(const ContourProgram& program, const double* links, double* out);                              \

@@ -347,10 +347,11 @@ void rigid(const Buckets& buckets, Array<float, 3> table, int steps, std::option
 
 // Unit normals out (F,V,3) of points (F,V,3).
 void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t, 1> row, Array<int32_t, 1> face,
-             Array<int32_t, 1> point, Output<float, 3> out, int threads) {
+             Array<int32_t, 1> point, Array<int32_t, 1> order, Output<float, 3> out, int threads) {
     const int64_t frames = int64_t(points.shape(0)), vertices = int64_t(points.shape(1));
     const int64_t count = int64_t(triangles.shape(0));
     check(out.shape(0) == points.shape(0) && out.shape(1) == points.shape(1), "out does not fit");
+    check(int64_t(point.size()) == vertices && int64_t(order.size()) == vertices, "incidence does not fit");
     std::unique_ptr<float[]> faces(new float[size_t(count) * 4]);
     const int workers = vt::threads_for(vertices * 3, threads);  // a vertex costs more here than in skinning
     for (int64_t f = 0; f < frames; ++f) {
@@ -360,7 +361,8 @@ void normals(Array<float, 3> points, Array<int32_t, 2> triangles, Array<int32_t,
             use.face_normals(i * kRun, stop(i, count, kRun), vertices, p, triangles.data(), faces.get());
         });
         each(blocks(vertices, kRun), workers, [&](int64_t i) {
-            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.get(), row.data(), face.data(), point.data(), o);
+            use.vertex_normals(i * kRun, stop(i, vertices, kRun), faces.get(), row.data(), face.data(), point.data(),
+                               order.data(), o);
         });
     }
 }
@@ -487,7 +489,7 @@ NB_MODULE(_native, m) {
           nb::arg("bases").none(), nb::arg("out"), nb::arg("threads") = 0, nb::arg("linear") = nb::none(),
           nb::arg("share") = nb::none());
     m.def("normals", &normals, nb::arg("points"), nb::arg("triangles"), nb::arg("row"), nb::arg("face"),
-          nb::arg("point"), nb::arg("out"), nb::arg("threads") = 0);
+          nb::arg("point"), nb::arg("order"), nb::arg("out"), nb::arg("threads") = 0);
     nb::set_leak_warnings(false);  // programs bound by objects that live until the interpreter ends
     nb::class_<Bound<vt::ContourProgram>>(m, "Contours");
     m.def("bind_contours", &bind_contours);

@@ -41,14 +41,16 @@ void face_normals(int64_t first, int64_t last, int64_t count, const float* point
     }
 }
 
-// Unit sums for vertices [first, last) of welded points: `row` and `face` say which faces meet at point[vertex].
+// Unit sums for vertices order[first .. last) of welded points: `row` and `face` say which faces meet at point[vertex].
+// In an order in which as many faces meet at one vertex as at the next, the processor foresees how long the sums are.
 void vertex_normals(int64_t first, int64_t last, const float* normal, const int32_t* row, const int32_t* face,
-                    const int32_t* point, float* out) {
-    for (int64_t v = first; v < last; ++v) {
+                    const int32_t* point, const int32_t* order, float* out) {
+    for (int64_t i = first; i < last; ++i) {
+        const int64_t v = order[i];
         const int32_t start = row[point[v]], stop = row[point[v] + 1];
         const float none[4] = {0, 0, 0, 0};
         f4 sum = load4(none);
-        for (int32_t i = start; i < stop; ++i) sum = sum + load4(normal + 4 * int64_t(face[i]));
+        for (int32_t k = start; k < stop; ++k) sum = sum + load4(normal + 4 * int64_t(face[k]));
         const float x = sum[0], y = sum[1], z = sum[2];
         const float length = sqrtf(x * x + y * y + z * z);
         const float s = length > 0 ? 1.0f / length : 0.0f;

@@ -102,7 +102,14 @@ def rigid(
     share: Single | None = None,
 ) -> None: ...
 def normals(
-    points: Single, triangles: Ints, row: Ints, face: Ints, point: Ints, out: Single, threads: int = 0
+    points: Single,
+    triangles: Ints,
+    row: Ints,
+    face: Ints,
+    point: Ints,
+    order: Ints,
+    out: Single,
+    threads: int = 0,
 ) -> None: ...
 
 class Contours: ...

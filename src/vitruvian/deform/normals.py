@@ -20,25 +20,35 @@ from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
 
+RUN = 2048  # vertices that a thread takes at once
+
 
 @dataclass(frozen=True, eq=False)
 class Incidence:
-    """Which faces meet at each welded point: rows `row` (W+1,) of `face`; `point` (V,) the welded point of a vertex."""
+    """Which faces meet at each welded point: rows `row` (W+1,) of `face`; `point` (V,) the welded point of a vertex.
+
+    `order` (V,): all vertices, within each `RUN` of them those at which fewer faces meet first.
+    """
 
     triangles: Ints
     row: Ints
     face: Ints
     point: Ints
+    order: Ints
 
 
 def incidence(rest: Floats, triangles: Ints) -> Incidence:
     """Welds by exactly equal rest position."""
-    point = np.unique(rest, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int32)
+    _, first, same = np.unique(rest, axis=0, return_index=True, return_inverse=True)
+    number = np.empty(len(first), np.int32)  # as they come, so that neighbours are near in memory
+    number[np.argsort(first)] = np.arange(len(first))
+    point = number[same.reshape(-1)]
     corner = point[triangles].reshape(-1)
-    order = np.argsort(corner, kind="stable")
-    row = np.zeros(int(point.max(initial=-1)) + 2, np.int32)
-    np.cumsum(np.bincount(corner, minlength=len(row) - 1), out=row[1:])
-    return Incidence(np.ascontiguousarray(triangles), row, (order // 3).astype(np.int32), point)
+    face = (np.argsort(corner, kind="stable") // 3).astype(np.int32)
+    row = np.zeros(len(first) + 1, np.int32)
+    np.cumsum(np.bincount(corner, minlength=len(first)), out=row[1:])
+    order = np.lexsort((np.diff(row)[point], np.arange(len(point)) // RUN)).astype(np.int32)
+    return Incidence(np.ascontiguousarray(triangles), row, face, point, order)
 
 
 def mesh_normals(faces: Incidence, vertices: Single, threads: int = 0) -> Single:
@@ -46,7 +56,7 @@ def mesh_normals(faces: Incidence, vertices: Single, threads: int = 0) -> Single
     out = np.empty_like(vertices)
     native = kernels()
     if native is not None:
-        native.normals(vertices, faces.triangles, faces.row, faces.face, faces.point, out, threads)
+        native.normals(vertices, faces.triangles, faces.row, faces.face, faces.point, faces.order, out, threads)
         return out
     for f, points in enumerate(vertices):
         out[f] = _numpy(faces, points.astype(np.float64))
