@@ -48,20 +48,20 @@ struct Near {
         return same;
     }
 
+    // out_k = sum w_j of_jk, which is symmetric with zeros in the diagonal: each number is read once.
+    static VT_INLINE void mix(const float (&of)[K][K], const f8* w, f8* out) {
+        VT_UNROLL for (int j = 0; j < K; ++j) VT_UNROLL for (int k = j + 1; k < K; ++k) {
+            const f8 a = all(of[j][k]);
+            out[j] = k == 1 ? w[k] * a : out[j] + w[k] * a;
+            out[k] = j == 0 ? w[j] * a : out[k] + w[j] * a;
+        }
+    }
+
     // The weights of the blend: K times eight real parts and as many dual ones; false where joints are too far apart.
     VT_INLINE bool weigh(const float* weight, float* real, float* dual) const {
-        f8 w[K], y[K], z[K], e, e_dual;
+        f8 w[K], y[K], e;
         VT_UNROLL for (int k = 0; k < K; ++k) w[k] = load8(weight + k * 8);
-        VT_UNROLL for (int k = 0; k < K; ++k) {
-            const int first = k == 0;
-            y[k] = w[first] * apart[first][k];
-            z[k] = w[first] * slide[first][k];
-            VT_UNROLL for (int j = first + 1; j < K; ++j) {
-                if (j == k) continue;
-                y[k] += w[j] * apart[j][k];
-                z[k] += w[j] * slide[j][k];
-            }
-        }
+        mix(apart, w, y);
         if (!(worst < kNear)) {
             f8 most = y[0];
             VT_UNROLL for (int k = 1; k < K; ++k) most = larger(most, y[k]);
@@ -70,16 +70,22 @@ struct Near {
         f8 wy[K];
         VT_UNROLL for (int k = 0; k < K; ++k) {
             wy[k] = w[k] * y[k];
-            z[k] = w[k] * z[k];
             e = k ? e + wy[k] : wy[k];
-            e_dual = k ? e_dual + z[k] : z[k];
         }
-        const f8 both = 0.333282f - 0.025193f * e, both_dual = -0.025193f * e_dual;
+        const f8 both = 0.333282f - 0.025193f * e;
         VT_UNROLL for (int k = 0; k < K; ++k) {
             const f8 more = 0.134312f + 0.060931f * y[k], t = both + y[k] * more;
             store8(real + k * 8, w[k] + wy[k] * t);
-            store8(dual + k * 8, z[k] * (t + y[k] * (more + 0.060931f * y[k])) + wy[k] * both_dual);
+            y[k] = t + y[k] * (more + 0.060931f * y[k]);
         }
+        f8 z[K], e_dual;
+        mix(slide, w, z);
+        VT_UNROLL for (int k = 0; k < K; ++k) {
+            z[k] = w[k] * z[k];
+            e_dual = k ? e_dual + z[k] : z[k];
+        }
+        const f8 both_dual = -0.025193f * e_dual;
+        VT_UNROLL for (int k = 0; k < K; ++k) store8(dual + k * 8, z[k] * y[k] + wy[k] * both_dual);
         return true;
     }
 
