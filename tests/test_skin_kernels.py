@@ -1,6 +1,7 @@
 """The compiled kernels: equal to their twins, blind to how influences are written down and to threads."""
 
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -208,6 +209,15 @@ def test_uniform_groups_and_mixed_groups_agree():
             assert not far.shared
             a, b = deformer(name, together)(m)[:, one], deformer(name, alone)(m)[:, 1]
             assert np.abs(a - b).max() < 2e-6
+
+
+@pytest.mark.parametrize("name", WEIGHTED)
+def test_what_is_bound_can_be_sent_elsewhere(name):
+    body = skins.crowd(4)
+    m = skins.poses(body)
+    d = deformer(name, body)
+    here = d(m)
+    assert np.array_equal(pickle.loads(pickle.dumps(d))(m), here)
 
 
 def test_touch_reads_and_writes_everything():

@@ -226,8 +226,7 @@ void linear(const Buckets& buckets, Array<float, 3> table, Output<float, 3> out,
     check(out.shape(0) == table.shape(0) && (out.shape(2) == 3 || out.shape(2) == 12), "out does not fit");
     for (const Laid& l : buckets.laid)
         check(!l.lanes || (l.bucket.shared && l.bucket.influences <= 8), "no linear kernel for that bucket");
-    const int64_t frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1));
-    const int64_t stride = int64_t(out.shape(1) * out.shape(2));
+    const auto frames = int64_t(table.shape(0)), joints = int64_t(table.shape(1)), stride = int64_t(out.shape(1) * out.shape(2));
     buckets.each_part(frames, threads, 1, [&](const Laid& l, int64_t first, int64_t last) {
         (l.lanes ? use.linear_lanes : use.linear)(l.bucket, first, last, frames, joints, table.data(), out.data(),
                                                   stride, out.shape(2) == 12);

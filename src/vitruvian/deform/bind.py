@@ -175,13 +175,16 @@ class Laid:
     buckets: tuple[Bucket, ...]
     more: tuple[Mapping[str, NDArray], ...] = ()
 
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "bound"}
+
     @cached_property
-    def _program(self) -> _native.Buckets:
+    def bound(self) -> _native.Buckets:
         return self._bind(None)
 
     def program(self, rest: Floats | None) -> _native.Buckets:
         """For the rest positions of the buckets, or others (V,3)."""
-        return self._program if rest is None else self._bind(rest)
+        return self.bound if rest is None else self._bind(rest)
 
     def _bind(self, rest: Floats | None) -> _native.Buckets:
         native = kernels()
