@@ -23,6 +23,19 @@ def chromium_path() -> str | None:
     return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
+@pytest.fixture(params=["kernel", "twin"])
+def both(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test runs with the extension and without."""
+    from vitruvian.deform import normals, operators
+    from vitruvian.native import kernels
+
+    if request.param == "twin":
+        monkeypatch.setattr(operators, "kernels", lambda: None)
+        monkeypatch.setattr(normals, "kernels", lambda: None)
+    elif kernels() is None:
+        pytest.skip("the extension vitruvian._native is not built: pip install .")
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """Folder of real files; tests that need it skip where it is absent."""

@@ -7,9 +7,9 @@ import skins
 from vitruvian import VitruvianError, VitruvianWarning
 from vitruvian.body.kinematics import pose_matrices, transform_matrix
 from vitruvian.body.types import Body, Morph, Skin, Weights
-from vitruvian.deform import normals, operators
 from vitruvian.deform.deformer import WEIGHTED, deformer
-from vitruvian.native import kernels
+
+pytestmark = pytest.mark.usefixtures("both")
 
 TWIST, BEND = (0, 0, 1), (1, 0, 0)
 MOTIONS = np.stack(
@@ -29,16 +29,6 @@ KNOWN = {
     ("log", 2): (0.2203418, 0.2094936, 0.5635371),
     ("hybrid", 1): (0.2202586, 0.2093763, 0.5635217),
 }
-
-
-@pytest.fixture(params=["kernel", "twin"], autouse=True)
-def both(request, monkeypatch):
-    """Every test runs with the extension and without."""
-    if request.param == "twin":
-        monkeypatch.setattr(operators, "kernels", lambda: None)
-        monkeypatch.setattr(normals, "kernels", lambda: None)
-    elif kernels() is None:
-        pytest.skip("the extension vitruvian._native is not built: pip install .")
 
 
 @pytest.mark.parametrize(("name", "steps"), KNOWN)

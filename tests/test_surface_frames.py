@@ -9,20 +9,12 @@ import skins
 from vitruvian import VitruvianError
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.types import Body, Morph, Skin, Weights
-from vitruvian.deform import normals, operators
+from vitruvian.deform import normals
 from vitruvian.deform.deformer import WEIGHTED, deformer
-from vitruvian.native import kernels
+
+pytestmark = pytest.mark.usefixtures("both")
 
 TWIST, BEND = (0, 0, 1), (1, 0, 0)
-
-
-@pytest.fixture(params=["kernel", "twin"], autouse=True)
-def both(request, monkeypatch):
-    if request.param == "twin":
-        monkeypatch.setattr(operators, "kernels", lambda: None)
-        monkeypatch.setattr(normals, "kernels", lambda: None)
-    elif kernels() is None:
-        pytest.skip("the extension vitruvian._native is not built: pip install .")
 
 
 def doubled(body: Body, which: np.ndarray) -> tuple[Body, int]:

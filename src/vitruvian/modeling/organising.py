@@ -18,7 +18,7 @@ from vitruvian.body.types import Floats, Ints, require
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling.loops import checked, directed_loops, welded
-from vitruvian.modeling.slicing import Whole
+from vitruvian.modeling.slicing import Whole, cotangents
 
 MODES = ("auto", "reorder", "field", "resample")
 
@@ -190,17 +190,7 @@ def harmonic(rest: Floats, faces: Whole, near: Floats, far: Floats | None, name:
     away = np.linalg.norm(rest[used] - rest[low].mean(axis=0), axis=1)
     high = loops[1] if len(loops) == 2 else [int(used[np.argmax(away)])]
     n = len(rest)
-    rows, columns, values = [], [], []
-    for i in range(3):
-        a, b, c = faces[:, i], faces[:, (i + 1) % 3], faces[:, (i + 2) % 3]
-        u, v = rest[a] - rest[c], rest[b] - rest[c]
-        cross = np.linalg.norm(np.cross(u, v), axis=1)
-        cot = np.maximum((u * v).sum(axis=1) / np.maximum(cross, 1e-15), 1e-3)
-        cot = np.minimum(cot, 1e3)
-        rows += [a, b]
-        columns += [b, a]
-        values += [cot, cot]
-    w = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n))
+    w = cotangents(rest, faces, 1e-3, 1e3)
     laplacian = diags_array(np.asarray(w.sum(axis=1)).ravel()) - w
     out = np.zeros(n)
     out[np.asarray(high)] = 1.0

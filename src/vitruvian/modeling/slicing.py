@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Whole = NDArray[np.int64]
 _LAYERS = 2.2  # loops round the same bone are layers of clothes up to this many times the radius of the innermost
@@ -194,6 +198,25 @@ def carried(loops: Rings, values: Floats, corners: Ints) -> Floats:
     for k in np.flatnonzero(~some.any(axis=1)).tolist() if len(whole) else ():
         out[k] = out[whole[np.argmin(np.abs(whole - k))]]
     return out
+
+
+def cotangents(points: Floats, faces: Ints | Whole, low: float, high: float) -> csr_array:
+    """(n,n) sparse, symmetric: for each edge of triangles (T,3) of points (n,3) the sum of the cotangents, kept within
+    low..high, of the angles that face it. U. Pinkall, K. Polthier, "Computing discrete minimal surfaces" (1993)."""
+    from scipy.sparse import csr_array
+
+    start, stop, values = [], [], []
+    for k in range(3):
+        a, b, c = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
+        u, v = points[b] - points[a], points[c] - points[a]
+        cross = np.linalg.norm(np.cross(u, v), axis=1)
+        edge = b != c
+        start.append(b[edge])
+        stop.append(c[edge])
+        values.append(np.clip((u * v).sum(axis=1) / np.maximum(cross, 1e-15), low, high)[edge])
+    i, j, value = (np.concatenate(x) for x in (start, stop, values))
+    links = csr_array((value, (i, j)), shape=(len(points), len(points)))
+    return csr_array(links + links.T)
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

@@ -21,7 +21,7 @@ from vitruvian.body.types import Body, Floats, Ints, Skin, Weights, floats, indi
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError, warn
-from vitruvian.modeling.slicing import barycentric
+from vitruvian.modeling.slicing import barycentric, cotangents
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -140,23 +140,12 @@ def _nearest(
 
 def _filled(weights: csr_array, near: NDArray[np.bool_], place: Floats, faces: Ints) -> csr_array:
     """(n,J) sparse: `weights` where `near`, elsewhere harmonic over the surface. Parts without any keep theirs."""
-    from scipy.sparse import coo_array, csr_array, diags_array, vstack
+    from scipy.sparse import csr_array, diags_array, vstack
     from scipy.sparse.csgraph import connected_components
     from scipy.sparse.linalg import splu
 
     n = len(place)
-    start, stop, cot = [], [], []
-    for k in range(3):
-        a, b, c = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
-        u, v = place[b] - place[a], place[c] - place[a]
-        cross = np.linalg.norm(np.cross(u, v), axis=1)
-        cot.append(np.clip((u * v).sum(axis=1) / np.maximum(cross, 1e-30), 1 / STEEP, STEEP))
-        start.append(b)
-        stop.append(c)
-    i, j, value = (np.concatenate(x) for x in (start, stop, cot))
-    off = i != j
-    links = coo_array((value[off], (i[off], j[off])), shape=(n, n)).tocsr()
-    links = links + links.T
+    links = cotangents(place, faces, 1 / STEEP, STEEP)
     part = connected_components(links, directed=False)[1]
     known = np.bincount(part, near, minlength=part.max(initial=-1) + 1) > 0
     lost = ~known[part]
