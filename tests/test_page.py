@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
+import vitruvian as vt
 from capsules import about, capsule_body, capsule_clip, stride
 from pages import find, opened, pause, positions, scrub, slide, wait
 from vitruvian.body.kinematics import joint_matrices
@@ -286,8 +288,6 @@ def test_a_figure_in_coarser_detail_lies_on_the_same_skin_and_stands_whole(brows
 
 
 def walking_person() -> Clip:
-    import vitruvian as vt
-
     humanoid = vt.person()
     body = vt.pack(humanoid)
     return Clip(humanoid, body, vt.walk(body.skeleton))
@@ -308,16 +308,41 @@ def test_the_built_in_person_fits_into_four_megabytes_and_shows_its_face(browser
 @pytest.mark.parametrize(
     "make", [lambda: capsule_clip(joints=146, vertices=21_500), walking_person], ids=["20k", "person"]
 )
-def test_a_full_figure_keeps_playing_smoothly(browser, tmp_path, make):
-    """The best of up to eight looks counts: what else the machine does is not the page's."""
-    record(make(), tmp_path / "clip.html")
-    with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
-        best = 0.0
-        for _ in range(8):
-            page.wait_for_timeout(4000)
+def test_a_full_figure_keeps_playing_smoothly(browser, referee, tmp_path, make):
+    """30 pictures a second; on a machine too slow for that, half as many again as three.js alone draws of the same clip."""
+    clip = make()
+    record(clip, tmp_path / "clip.html")
+    vt.save(clip, tmp_path / "clip.glb")
+    best = plain = 0.0
+    for _ in range(4):  # the best look of each counts: what else the machine does is not the page's
+        with opened(browser, (tmp_path / "clip.html").as_uri(), (240, 180)) as page:
+            page.wait_for_timeout(6000)
             rate, quality, actors = page.evaluate("[vitruvian.fps, vitruvian.quality, vitruvian.actors]")
-            best = max(best, rate)
-            if best >= 30:
-                break
-    print(f"{best} pictures per second, {actors[0]['vertices']} vertices, {quality}, load {os.getloadavg()[0]:.1f}")
-    assert best >= 30
+        best = max(best, rate)
+        if best >= 30:
+            break
+        plain = max(plain, plain_rate(browser, referee, tmp_path / "clip.glb"))
+    print(f"{best} pictures per second, three.js {plain:.1f}, {actors[0]['vertices']} vertices, {quality}")
+    assert best >= 30 or best >= 1.5 * plain
+
+
+def plain_rate(browser, referee, glb) -> float:
+    """Pictures a second of a page that plays a GLB with nothing but three.js."""
+    page = browser.new_page(viewport={"width": 240, "height": 180})
+    files = {"/": Path(__file__).parent / "stranger_three.html", "/clip.glb": glb}
+
+    def serve(route):
+        path = urlsplit(route.request.url).path
+        route.fulfill(path=files.get(path) or referee / "node_modules" / path[1:])
+
+    try:
+        page.route("**/*", serve)
+        page.goto("http://stranger/")
+        page.wait_for_function("window.pictures > 2")
+        page.wait_for_timeout(1000)
+        return page.evaluate("""new Promise((done) => {
+            const start = performance.now(), first = pictures;
+            setTimeout(() => done((1000 * (pictures - first)) / (performance.now() - start)), 4000);
+        })""")
+    finally:
+        page.close()

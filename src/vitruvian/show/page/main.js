@@ -231,7 +231,7 @@ class Page {
     const now = performance.now();
     if (now - (this.rated ?? 0) > 500) {
       this.rated = now;
-      const reduced = this.studio.level < 3 ? ` \u00b7 ${this.studio.qualityName}` : "";
+      const reduced = this.studio.qualityName !== "best" ? ` \u00b7 ${this.studio.qualityName}` : "";
       $("rate").textContent = playing ? `${Math.round(this.rate())} fps${reduced}` : "";
     }
   }

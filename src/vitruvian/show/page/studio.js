@@ -15,6 +15,7 @@ const GRAIN = 0.85; // pixels
 
 /** Quality steps; the page takes the best that keeps up. `dpr` caps the pixels, `shadows` is the key light's map. */
 const STEPS = [
+  { name: "sketch", dpr: 0.5, shadows: false },
   { name: "draft", dpr: 0.75, shadows: false },
   { name: "plain", dpr: 1, shadows: false },
   { name: "good", dpr: 1.25, shadows: true },
@@ -48,10 +49,11 @@ export class Studio {
     this.canvas = canvas;
     const software = drawnBySoftware();
     this.software = software;
+    document.documentElement.classList.toggle("software", software);
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !software, powerPreference: "high-performance" });
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
-    this.level = this.software ? 1 : STEPS.length - 1;
+    this.level = this.software ? 2 : STEPS.length - 1;
     this.took = 20; // milliseconds a picture, lately
 
     this.scene = new THREE.Scene();
