@@ -88,6 +88,7 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
         ("MFFloat", "mitreShare", p.mitre_share),
         ("MFFloat", "bulge", p.bulge),
         ("MFInt32", "bulgeLink", p.bulge_link),
+        *(_recentred(p, renumber) if p.recentre.any() else _NOT_RECENTRED),
         ("MFInt32", "pair", slab.pair.ravel()),
         ("MFFloat", "area", slab.area.ravel()),
         ("MFFloat", "free", slab.free),
@@ -110,6 +111,18 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
         ("MFFloat", "points", np.concatenate([rest, soft.rest]).ravel()),
         ("MFFloat", "normals", np.concatenate([normals, soft.normals]).ravel()),
     ]
+
+
+_NOT_RECENTRED = [
+    (kind, name, np.zeros(0, np.int32 if kind == "MFInt32" else np.float64))
+    for kind, name in (("MFFloat", "recentre"), ("MFInt32", "limb"), ("MFFloat", "way"), ("MFFloat", "aside"))
+]
+
+
+def _recentred(p: Program, renumber: Ints) -> list[tuple[str, str, np.ndarray]]:
+    """The fields of contours that keep to their bones, of which most bodies have none: then a script gets no numbers."""
+    arrays = (p.recentre, renumber[p.part], p.way.ravel(), p.aside.ravel())
+    return [(kind, name, a) for (kind, name, _), a in zip(_NOT_RECENTRED, arrays, strict=True)]
 
 
 def code(plan: Plan, pointers: str) -> str:
@@ -165,7 +178,8 @@ def _needs(body: Body, p: Program, surfaces: list[Contours], seen: list[Contours
         for k in range(first, first + len(s)):
             steps = p.step[p.row[k] : p.row[k + 1]]
             links = [*steps.tolist(), p.mitre_link[k], p.bulge_link[k]]
-            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist()})
+            part = {int(p.limb[k])} if p.recentre[k] else set()
+            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist(), *part})
         first += len(s)
         out.append(_between(body, set.union(*each[first - len(s) :])))
     del out[len(surfaces) :]

@@ -2,7 +2,7 @@
 
 Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
 coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `diversion`,
-`mitre`, `spread`, and `bands`: the contours from which on faces show a cloth of another name and shininess. Points are
+`mitre`, `recentre`, `spread`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name and shininess. Points are
 in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
 """
 
@@ -38,7 +38,9 @@ _INTERFACE = (
     ("inputOutput", "SFInt32", "LowerDef", "0"),
     ("inputOutput", "SFFloat", "diversion", "0"),
     ("inputOutput", "SFFloat", "mitre", "0"),
+    ("inputOutput", "SFBool", "recentre", "FALSE"),
     ("inputOutput", "SFBool", "spread", "FALSE"),
+    ("initializeOnly", "SFFloat", "tilt", "0"),
     ("inputOutput", "SFBool", "closed", "TRUE"),
 )
 _PICTURE = (
@@ -111,7 +113,9 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         "LowerDef": surface.lower,
         "diversion": float(surface.diversion),
         "mitre": float(surface.mitre),
+        "recentre": surface.recentre,
         "spread": surface.spread,
+        "tilt": float(surface.tilt),
         "closed": surface.closed,
     }
     bands = surface.bands or (((0, look),) if look.name not in ("", surface.name) else ())
@@ -179,7 +183,8 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
         closed=_flag(reading, node, "closed", _closed(reading, node, count, each)),
         fixed_upper=whole["FixedUpperDef"], upper=whole["UpperDef"], lower=whole["LowerDef"],
         extra=whole["ExtrContour"], diversion=value("diversion"), mitre=value("mitre"),
-        spread=_flag(reading, node, "spread", False),
+        recentre=_flag(reading, node, "recentre", False), spread=_flag(reading, node, "spread", False),
+        tilt=value("tilt"),
         uv=texture.reshape(count, each, 2) if len(texture) and fits(texture) else None,
         colors=colors.reshape(count, each, 3) if len(colors) and fits(colors) else None,
         material=bands[0][1] if len(bands) == 1 else look, bands=bands if len(bands) > 1 else (), node=node,

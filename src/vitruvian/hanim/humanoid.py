@@ -134,8 +134,9 @@ class ContourSurface:
     `closed` False: contours are open, as in the front and back of a torso. `uv` (C,P,2), `colors` (C,P,3) sRGB, or None.
     The first `fixed_upper` contours stay with the parent; over the next `upper` the rotation of the surface's own joint
     is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it.
-    `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `spread`: the part of the
-    rotation about the limb is spread over the whole surface. `bands`: from each of these contours on, faces look like
+    `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `recentre`: contours keep
+    their distances from the bone; `spread`: the part of the rotation about the limb is spread over the whole surface.
+    `tilt` 0..1 says how far the points were organised in contours that fan about the axis of the knee or elbow. `bands`: from each of these contours on, faces look like
     that material instead.
     """
 
@@ -148,7 +149,9 @@ class ContourSurface:
     extra: int = 0
     diversion: float = 0.0
     mitre: float = 0.0
+    recentre: bool = False
     spread: bool = False
+    tilt: float = 0.0
     uv: Array | None = None
     colors: Array | None = None
     material: Material = field(default_factory=Material)

@@ -77,7 +77,7 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
         replace(
             s, vertices=place[s.vertices[np.ix_(rows, columns)]].astype(np.int32), swing=s.swing[rows],
             twist=s.twist[rows], diversion=s.diversion[rows], mitre=s.mitre[rows], bulge=s.bulge[rows],
-            middle=_middles(body, s)[rows],
+            recentre=s.recentre[rows], middle=_middles(body, s)[rows],
             tied=np.stack([place[s.tied[:, 0]], np.searchsorted(rows, s.tied[:, 1])], axis=1).astype(np.int32),
         )
         for s, rows, columns in grids
