@@ -135,13 +135,14 @@ void contour_turns(const ContourProgram& p, const double* links, double* out) {
     }
 }
 
-// Moves `shift` of the centre of contour k, which m turns, on in the contour's plane: until it stands off from its bone
-// as far as at rest. Worked out in the rest frame of the bone; a seam's contour has the same on both its surfaces.
+// Changes `shift` of the centre of contour k, which m turns, as if it turned about its place on the bone instead of the
+// joint, and slides it in the contour's plane until it stands off from the bone as far as at rest. In the rest frame of
+// the bone; the contour of a seam has the same numbers on both surfaces.
 void recentre(const double* matrix, const ContourProgram& p, int64_t k, const double* m, double* shift) {
     const double* f = p.limb[k] < 0 ? kStill : matrix + int64_t(p.limb[k]) * 16;
     const double *c = p.middle + 3 * k, *d = p.way + 3 * k, *e = p.aside + 3 * k;
     const double* n = p.bone + 3 * int64_t(p.mitre_link[k]);
-    double here[3], gone[3], offset[3], normal[3], change[3];
+    double here[3], gone[3], offset[3], normal[3], lag[3], change[3];
     place(m, c, here);
     for (int i = 0; i < 3; ++i) here[i] += shift[i] - f[i * 4 + 3];
     for (int i = 0; i < 3; ++i) {
@@ -150,13 +151,14 @@ void recentre(const double* matrix, const ContourProgram& p, int64_t k, const do
         gone[i] = f[i] * here[0] + f[4 + i] * here[1] + f[8 + i] * here[2] - c[i];
         normal[i] = dot(turned, n);
         offset[i] = dot(turned, e) - e[i];
+        lag[i] = p.seam[k] * (dot(turned, d) - d[i]);
     }
-    const double along = dot(offset, d), away = dot(gone, d);
+    const double along = dot(offset, d);
     for (int i = 0; i < 3; ++i) offset[i] = e[i] + (offset[i] - along * d[i]);
     const double size = dot(offset, offset), scale = size > 1e-24 ? sqrt(dot(e, e) / size) : 1;
-    for (int i = 0; i < 3; ++i) change[i] = scale * offset[i] - e[i] - (gone[i] - away * d[i]);
-    const double slide = dot(change, normal) / fmax(dot(d, normal), 0.2);
-    for (int i = 0; i < 3; ++i) change[i] = p.recentre[k] * (change[i] - slide * d[i]);
+    for (int i = 0; i < 3; ++i) offset[i] *= scale;
+    const double slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / fmax(dot(d, normal), 0.2);
+    for (int i = 0; i < 3; ++i) change[i] = p.recentre[k] * (offset[i] - e[i] - slide * d[i] - gone[i]);
     for (int i = 0; i < 3; ++i) shift[i] += dot(f + i * 4, change);
 }
 

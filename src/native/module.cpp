@@ -281,20 +281,21 @@ Bound<vt::ContourProgram> bind_contours(
     Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along, Array<int32_t, 1> frame,
     Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link, Array<double, 1> mitre_share,
     Array<double, 1> bulge, Array<int32_t, 1> bulge_link, Array<double, 1> recentre, Array<int32_t, 1> limb,
-    Array<double, 2> way, Array<double, 2> aside) {
+    Array<double, 2> way, Array<double, 2> aside, Array<double, 1> seam) {
     const int64_t links = int64_t(link.shape(0)), contours = int64_t(base.shape(0));
     check(axis.shape(0) == link.shape(0) && bone.shape(0) == link.shape(0), "program does not fit together");
     check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
     check(twist.shape(0) == step.shape(0), "program does not fit together");
     check(recentre.shape(0) == base.shape(0) && limb.shape(0) == base.shape(0), "program does not fit together");
-    check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0), "program does not fit together");
+    check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0) && seam.shape(0) == base.shape(0), "program does not fit together");
     const vt::ContourProgram program{links, contours, int64_t(step.shape(0)), center.data(), link.data(), axis.data(),
                                      bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
                                      middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),
                                      mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data(),
-                                     recentre.data(), limb.data(), way.data(), aside.data()};
+                                     recentre.data(), limb.data(), way.data(), aside.data(), seam.data()};
     return bind(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
-                along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link, recentre, limb, way, aside);
+                along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link, recentre, limb, way, aside,
+                seam);
 }
 
 // The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).

@@ -57,6 +57,7 @@ class Program:
     limb: Ints
     way: Floats
     aside: Floats
+    seam: Floats
     paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
     def __len__(self) -> int:
@@ -70,7 +71,7 @@ class Program:
         arrays = (
             p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
             p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
-            p.recentre, p.limb, p.way, p.aside,
+            p.recentre, p.limb, p.way, p.aside, p.seam,
         )  # fmt: skip
         return native.bind_contours(*map(np.ascontiguousarray, arrays))
 
@@ -87,7 +88,7 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
     skeleton, rest = body.skeleton, body.skin.rest
     links: dict[tuple[int, int], int] = {}
     axes: list[Floats] = []
-    base, row, step, swing, twist, lean, share, wide, lies = [], [0], [], [], [], [], [], [], []
+    base, row, step, swing, twist, lean, share, wide, lies, ends = [], [0], [], [], [], [], [], [], [], []
     for surface in surfaces:
         chain = surface.joints.tolist()
         near = [int(skeleton.parents[chain[0]]), *chain[:-1]]
@@ -114,6 +115,7 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
             lean.append(here[worst])
             share.append(missing[worst])
             lies.append((near[worst], chain[worst]) if surface.swing[k, worst] <= 0.5 else (chain[worst], after[worst]))
+            ends.append(len(base) - 1 - k + (len(surface) - 1 if worst else 0))
             wide.append(here[surface.muscle] if surface.muscle >= 0 else 0)
     points = [rest[s.vertices] for s in surfaces]
     middle = np.concatenate([
@@ -124,7 +126,7 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
     pairs = np.array(list(links), np.int32).reshape(-1, 2)
     bone = np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3)
     way = np.array([_way(skeleton, a, b, bone[l]) for (a, b), l in zip(lies, lean, strict=True)])
-    aside = middle - skeleton.centers[pairs[lean, 1]]
+    aside, along_bone = middle - skeleton.centers[pairs[lean, 1]], lambda v: np.sum(v * way, axis=1)
     return Program(
         center=skeleton.centers,
         link=pairs,
@@ -147,7 +149,8 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
         recentre=flat("recentre"),
         limb=np.array([a for a, _ in lies], np.int32),
         way=way,
-        aside=aside - np.sum(aside * way, axis=1, keepdims=True) * way,
+        aside=aside - along_bone(aside)[:, None] * way,
+        seam=along_bone(middle[ends] - skeleton.centers[pairs[lean, 1]]),
         paper=paper,
     )
 
@@ -255,22 +258,23 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
 
 
 def _recentred(p: Program, bone: Floats, motion: Floats, here: Floats) -> Floats:
-    """(F,C,3) how far centres, now `here` (F,C,3), go in the planes of their contours, which `motion` (F,C,4,4) turns,
-    until they stand off from their bones, moved by `bone` (F,C,4,4), as far as at rest. A contour's offset is carried
-    along with it, laid across the bone, and given its length at rest: so all agree at a seam, whichever bone they go by.
+    """(F,C,3) how far centres, now `here` (F,C,3), go so that contours, which `motion` (F,C,4,4) turns, turn about their
+    places on the bone, which `bone` (F,C,4,4) moves, and stand off from it as far as at rest.
+
+    A centre's offset from the bone is carried along with the contour, laid across the bone, and given its length at rest;
+    then the centre slides along the bone into the contour's plane. So all agree at a seam, whichever bone they go by.
     """
     back, dot = np.swapaxes(bone[..., :3, :3], -1, -2), lambda a, b: np.sum(a * b, axis=-1, keepdims=True)
     turn = lambda r, v: np.einsum("fcab,fcb->fca", r, np.broadcast_to(v, here.shape))  # noqa: E731
-    against = back @ motion[..., :3, :3]
+    against, plane = back @ motion[..., :3, :3], p.bone[p.mitre_link]
     gone = turn(back, here - bone[..., :3, 3]) - p.middle
     offset = turn(against, p.aside) - p.aside
     offset = p.aside + (offset - dot(offset, p.way) * p.way)
     size = dot(offset, offset)
-    scale = np.sqrt(np.where(size > 1e-24, dot(p.aside, p.aside) / np.where(size > 1e-24, size, 1), 1.0))
-    change = scale * offset - p.aside - (gone - dot(gone, p.way) * p.way)
-    normal = turn(against, p.bone[p.mitre_link])
-    slide = dot(change, normal) / np.maximum(dot(p.way, normal), 0.2)
-    return turn(bone[..., :3, :3], p.recentre[:, None] * (change - slide * p.way))
+    offset *= np.sqrt(np.where(size > 1e-24, dot(p.aside, p.aside) / np.where(size > 1e-24, size, 1), 1.0))
+    normal, lag = turn(against, plane), p.seam[:, None] * (turn(against, p.way) - p.way)
+    slide = (dot(offset - lag, normal) - dot(p.aside, plane)) / np.maximum(dot(p.way, normal), 0.2)
+    return turn(bone[..., :3, :3], p.recentre[:, None] * (offset - p.aside - slide * p.way - gone))
 
 
 def _vector(q: Floats) -> Floats:

@@ -30,6 +30,7 @@ function initialize() {
     middle: plain(middle), along: plain(along), frame: plain(frame), diversion: plain(diversion), mitre: plain(mitre),
     mitreLink: plain(mitreLink), mitreShare: plain(mitreShare), bulge: plain(bulge), bulgeLink: plain(bulgeLink),
     recentre: plain(recentre), limb: plain(limb), way: plain(way), aside: plain(aside),
+    seam: plain(seam),
     first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
@@ -261,22 +262,22 @@ function contour(i) {
   return m;
 }
 
-// How far the centre of contour i, now `here`, goes in the contour's plane, which m turns, until it stands off from its
-// bone as far as at rest.
+// How far the centre of contour i, now `here`, goes so that the contour, which m turns, turns about its place on the bone
+// and stands off from it as far as at rest.
 function recentred(i, m, here) {
-  var p = place, c = three(p.middle, i), d = three(p.way, i), e = three(p.aside, i), r, k, size, along, change = [];
-  var f = p.limb[i] < 0 ? STILL : M[p.limb[i]], b = seen(f, m), gone = [], n = spun(b, three(p.bone, p.mitreLink[i]));
-  var offset = spun(b, e), scale, slide, out = [];
+  var p = place, c = three(p.middle, i), d = three(p.way, i), e = three(p.aside, i), n = three(p.bone, p.mitreLink[i]);
+  var f = p.limb[i] < 0 ? STILL : M[p.limb[i]], b = seen(f, m), gone = [], out = [], r, size, along, scale, slide, lag;
+  var offset = spun(b, e), normal = spun(b, n), change = [];
+  along = dot(offset, d); lag = spun(b, d);
   for (r = 0; r < 3; ++r) {
     gone.push(f[r] * (here[0] - f[3]) + f[4 + r] * (here[1] - f[7]) + f[8 + r] * (here[2] - f[11]) - c[r]);
+    offset[r] -= along * d[r]; lag[r] = p.seam[i] * (lag[r] - d[r]);
   }
-  along = dot(offset, d); k = dot(gone, d);
-  for (r = 0; r < 3; ++r) { offset[r] -= along * d[r]; gone[r] -= k * d[r]; }
   size = dot(offset, offset);
   scale = size > 1e-24 ? Math.sqrt(dot(e, e) / size) : 1;
-  for (r = 0; r < 3; ++r) change.push(scale * offset[r] - e[r] - gone[r]);
-  slide = dot(change, n) / Math.max(dot(d, n), 0.2);
-  for (r = 0; r < 3; ++r) change[r] = p.recentre[i] * (change[r] - slide * d[r]);
+  for (r = 0; r < 3; ++r) offset[r] *= scale;
+  slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / Math.max(dot(d, normal), 0.2);
+  for (r = 0; r < 3; ++r) change.push(p.recentre[i] * (offset[r] - e[r] - slide * d[r] - gone[r]));
   for (r = 0; r < 3; ++r) out.push(f[4 * r] * change[0] + f[4 * r + 1] * change[1] + f[4 * r + 2] * change[2]);
   return out;
 }

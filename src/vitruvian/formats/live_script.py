@@ -115,13 +115,19 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
 
 _NOT_RECENTRED = [
     (kind, name, np.zeros(0, np.int32 if kind == "MFInt32" else np.float64))
-    for kind, name in (("MFFloat", "recentre"), ("MFInt32", "limb"), ("MFFloat", "way"), ("MFFloat", "aside"))
+    for kind, name in (
+        ("MFFloat", "recentre"),
+        ("MFInt32", "limb"),
+        ("MFFloat", "way"),
+        ("MFFloat", "aside"),
+        ("MFFloat", "seam"),
+    )
 ]
 
 
 def _recentred(p: Program, renumber: Ints) -> list[tuple[str, str, np.ndarray]]:
     """The fields of contours that keep to their bones, of which most bodies have none: then a script gets no numbers."""
-    arrays = (p.recentre, renumber[p.part], p.way.ravel(), p.aside.ravel())
+    arrays = (p.recentre, renumber[p.part], p.way.ravel(), p.aside.ravel(), p.seam)
     return [(kind, name, a) for (kind, name, _), a in zip(_NOT_RECENTRED, arrays, strict=True)]
 
 

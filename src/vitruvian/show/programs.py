@@ -18,7 +18,7 @@ from vitruvian.show.wire import Block
 
 _CONTOUR = (
     "link axis bone base row step swing twist middle along frame diversion mitre mitre_link mitre_share bulge bulge_link "
-    "recentre limb way aside"
+    "recentre limb way aside seam"
 ).split()
 _HAND = (
     "hand.start hand.end hand.axis_near hand.axis_far hand.vertices normal_near normal_far vertex gap_vertex "

@@ -6,7 +6,7 @@ import { blend, linear, once, rigid, subset } from "./deform.js";
 
 const LIMIT = 1.5; // how much a mitre may widen
 const ROUND = 0.3; // of "log" in what skins vertices outside the contours, the rest is "linear"
-const FIELDS = ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link", "recentre", "limb", "way", "aside"];
+const FIELDS = ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link", "recentre", "limb", "way", "aside", "seam"];
 
 /** The program out of a mesh message's blocks, or null. `owner` (V): one more than the contour of a vertex, 0: none.
  * `seen`: another program, whose contours are how vertices outside see the joints `seen.joint` turned; or null. */
@@ -129,16 +129,17 @@ function motions(p, R, centers) {
   }
 }
 
-/** How far the centre of contour c, now `here`, goes in the plane of the contour, which A turns, until it stands off from its bone as far as at rest. */
+/** How far the centre of contour c, now `here`, goes so that the contour, which A turns, turns about its place on the bone and stands off from it as far as at rest. */
 function recentred(p, c, R, A, here) {
-  const of = (name) => p[name].subarray(3 * c, 3 * c + 3), c0 = of("middle"), d = of("way"), e = of("aside"), b = 12 * (p.limb[c] - 1);
+  const of = (name) => p[name].subarray(3 * c, 3 * c + 3), rest = of("middle"), d = of("way"), e = of("aside"), b = 12 * (p.limb[c] - 1);
   const l = 3 * p.mitre_link[c], n = p.bone.subarray(l, l + 3), get = (r, k) => (b < 0 ? (r === k ? 1 : 0) : R[b + 4 * r + k]);
   const back = (v) => [0, 1, 2].map((i) => get(0, i) * v[0] + get(1, i) * v[1] + get(2, i) * v[2]);
   const turn = (v) => back([0, 4, 8].map((r) => A[r] * v[0] + A[r + 1] * v[1] + A[r + 2] * v[2]));
-  const across = (v) => { const s = dot(v, d); return v.map((x, i) => x - s * d[i]); };
-  const gone = across(back(here.map((x, r) => x - (b < 0 ? 0 : R[b + 4 * r + 3]))).map((x, i) => x - c0[i])), offset = across(turn(e)), size = dot(offset, offset);
-  const scale = size > 1e-24 ? Math.sqrt(dot(e, e) / size) : 1, change = offset.map((x, i) => scale * x - e[i] - gone[i]), normal = turn(n);
-  const slide = dot(change, normal) / Math.max(dot(d, normal), 0.2), v = change.map((x, i) => p.recentre[c] * (x - slide * d[i]));
+  const gone = back(here.map((x, r) => x - (b < 0 ? 0 : R[b + 4 * r + 3]))).map((x, i) => x - rest[i]), carried = turn(e), s = dot(carried, d);
+  const across = carried.map((x, i) => x - s * d[i]), size = dot(across, across), scale = size > 1e-24 ? Math.sqrt(dot(e, e) / size) : 1;
+  const offset = across.map((x) => scale * x), normal = turn(n), lag = turn(d).map((x, i) => p.seam[c] * (x - d[i]));
+  const slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / Math.max(dot(d, normal), 0.2);
+  const v = offset.map((x, i) => p.recentre[c] * (x - e[i] - slide * d[i] - gone[i]));
   return [0, 1, 2].map((r) => get(r, 0) * v[0] + get(r, 1) * v[1] + get(r, 2) * v[2]);
 }
 
