@@ -217,8 +217,8 @@ def limb(
     `spread` the part of a joint's rotation about its bone is spread evenly over all of a surface: (own, distal). The own
     joint's over this surface, so that a turned shoulder winds the upper arm instead of its seam; the distal one's over
     this surface too (True: a turned hand winds the forearm), or over the next one (False); None: it is not split.
-    `recentre`: contours of both ramps keep their distances from the bone; of the own joint's only when nothing is fixed,
-    for else the ramp begins on another part. `at` (C,): see `steps`. Raises VitruvianError for parameters out of range.
+    `recentre`: contours keep their distances from the bone, but those of the own joint's ramp only when nothing is fixed,
+    for else it begins on another part. `at` (C,): see `steps`. Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
     at = np.arange(count, dtype=np.float64) if at is None else at
@@ -243,7 +243,6 @@ def limb(
     if spread[1] is not None and distal is not None:
         twist[:, 1] = at / max(float(at[-1]), 1e-9) if spread[1] else 0.0
     bend = np.where(own < 1, 1.0, 0.0) if distal is None else np.where((own < 1) | (swing[1] > 0), 1.0, 0.0)
-    moved = (own < 1) & (fixed == 0) | (False if distal is None else swing[1] > 0)
     return Contours(
         name,
         joint,
@@ -255,7 +254,7 @@ def limb(
         diversion=diversion * taper(count, fixed + upper, lower),
         mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
         closed=closed,
-        recentre=np.where(moved & recentre, 1.0, 0.0),
+        recentre=np.where((own == 1) | (fixed == 0), float(recentre), 0.0),
     )
 
 
