@@ -95,6 +95,8 @@ def test_every_deformer_of_the_page_is_the_kernels_and_so_are_its_numbers(people
             wanted = deformer(name, body)(matrices)
             found = answer[name]["points"]
             assert np.abs(found - wanted).max() < 1e-5, name
+            for s in body.contours if name == "contours" else ():
+                assert np.abs(found[s.vertices] - wanted[s.vertices]).max() < 1e-6, s.name
             np.testing.assert_array_equal(answer[name]["some"], found[some])  # a part of it
             if name not in MEASURED:
                 continue

@@ -125,7 +125,7 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
     flat = lambda field: np.concatenate([getattr(s, field) for s in surfaces])  # noqa: E731
     pairs = np.array(list(links), np.int32).reshape(-1, 2)
     bone = np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3)
-    way = np.array([_way(skeleton, a, b, bone[l]) for (a, b), l in zip(lies, lean, strict=True)])
+    way = np.array([_way(skeleton, *held, bone[at]) for held, at in zip(lies, lean, strict=True)])
     aside, along_bone = middle - skeleton.centers[pairs[lean, 1]], lambda v: np.sum(v * way, axis=1)
     return Program(
         center=skeleton.centers,

@@ -46,8 +46,9 @@ def slabs(body: Body, surfaces: Collection[Contours]) -> Slabs:
 
 
 def surveyed(moved: Floats, middle: Floats, normal: Floats, s: Slabs) -> Floats:
-    """Motions (F,C,4,4) of contours with these centres and unit normals (C,3) at rest, each widened or narrowed in its plane so that the slabs keep their volume.
+    """Motions (F,C,4,4) of contours, each widened or narrowed in its plane so that the slabs keep their volume.
 
+    middle, normal (C,3): centres and unit normals of the contours at rest.
     A slab between two contours holds about the mean of their vector areas times the way between their centres. Factors
     stay within 0.7 and 1.4; seams keep theirs at one.
     """

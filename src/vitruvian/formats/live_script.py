@@ -88,7 +88,7 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
         ("MFFloat", "mitreShare", p.mitre_share),
         ("MFFloat", "bulge", p.bulge),
         ("MFInt32", "bulgeLink", p.bulge_link),
-        *(_recentred(p, renumber) if p.recentre.any() else _NOT_RECENTRED),
+        *_recentred(p, renumber),
         ("MFInt32", "pair", slab.pair.ravel()),
         ("MFFloat", "area", slab.area.ravel()),
         ("MFFloat", "free", slab.free),
@@ -113,22 +113,16 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
     ]
 
 
-_NOT_RECENTRED = [
-    (kind, name, np.zeros(0, np.int32 if kind == "MFInt32" else np.float64))
-    for kind, name in (
-        ("MFFloat", "recentre"),
-        ("MFInt32", "limb"),
-        ("MFFloat", "way"),
-        ("MFFloat", "aside"),
-        ("MFFloat", "seam"),
-    )
-]
-
-
 def _recentred(p: Program, renumber: Ints) -> list[tuple[str, str, np.ndarray]]:
-    """The fields of contours that keep to their bones, of which most bodies have none: then a script gets no numbers."""
-    arrays = (p.recentre, renumber[p.part], p.way.ravel(), p.aside.ravel(), p.seam)
-    return [(kind, name, a) for (kind, name, _), a in zip(_NOT_RECENTRED, arrays, strict=True)]
+    """The fields of contours that keep to their bones: no numbers where none does, as in most bodies."""
+    some = slice(None) if p.recentre.any() else slice(0)
+    return [
+        ("MFFloat", "recentre", p.recentre[some]),
+        ("MFInt32", "limb", renumber[p.limb[some]]),
+        ("MFFloat", "way", p.way[some].ravel()),
+        ("MFFloat", "aside", p.aside[some].ravel()),
+        ("MFFloat", "seam", p.seam[some]),
+    ]
 
 
 def code(plan: Plan, pointers: str) -> str:

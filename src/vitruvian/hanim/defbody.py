@@ -2,8 +2,8 @@
 
 Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
 coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `diversion`,
-`mitre`, `recentre`, `spread`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name and shininess. Points are
-in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
+`mitre`, `recentre`, `spread`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name and
+shininess. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
 """
 
 from __future__ import annotations

@@ -136,8 +136,8 @@ class ContourSurface:
     is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it.
     `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `recentre`: contours keep
     their distances from the bone; `spread`: the part of the rotation about the limb is spread over the whole surface.
-    `tilt` 0..1 says how far the points were organised in contours that fan about the axis of the knee or elbow. `bands`: from each of these contours on, faces look like
-    that material instead.
+    `tilt` 0..1 says how far its contours, as they are, fan about the axis of the knee or elbow. `bands`: from each of
+    these contours on, faces look like that material instead.
     """
 
     name: str

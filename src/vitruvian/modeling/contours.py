@@ -1,9 +1,9 @@
 """Any body as a contour body: limbs, torso and neck in contours; hands, feet, head, shoulders and hips sewn to them.
 
-Contours lie in planes that turn from the bisector of one joint to that of the next, so that a bent knee has them evenly
-spaced; on request they fan about these joints for a bend (`fans`). Their points are where rays from the bone meet the outermost surface. The torso is a front and a back. What is
-not in contours keeps its triangles, cut along the planes and sewn to the contours' own points: nothing can open. It moves
-by its own weights, which become the contours' towards them.
+Contours lie in planes that turn from the bisector of one joint to that of the next; on request they fan about knees and
+elbows, so that they are evenly apart when bent (`fans`). Their points are where rays from the bone meet the outermost
+surface. The torso is a front and a back. What is not in contours keeps its triangles, cut along the planes and sewn to the
+contours' own points: nothing can open. It moves by its own weights, which become the contours' towards them.
 
 Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour).
 """
