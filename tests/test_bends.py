@@ -220,16 +220,17 @@ def small():
 @pytest.mark.parametrize("kind", [".x3d", ".wrl", ".x3dj"])
 def test_tilt_and_recentre_are_kept_in_files(small, kind, tmp_path):
     made = deepcopy(small)
-    tuned(made, {"r_calf_def": {"recentre": 0}})
+    tuned(made, {"r_calf_def": {"recentre": 0, "ramp": "smoothstep"}})
     vt.save(made, tmp_path / f"p{kind}")
     again = vt.load(tmp_path / f"p{kind}")
     found = {c.name: c for s in again.segments() for c in s.contours}
     assert {n: c.tilt for n, c in found.items() if c.tilt} == {"l_thigh_def": 0.7, "r_forearm_def": 0.25}
     assert not found["r_calf_def"].recentre and found["l_calf_def"].recentre and not found["l5_front_def"].recentre
+    assert [n for n, c in found.items() if c.ramp != "linear"] == ["r_calf_def"]
     first, second = (vt.pack(h) for h in (made, again))
     m = posed(first.skeleton, l_knee=[1, 0, 0, 1.5], r_knee=[1, 0, 0, 1.2], r_elbow=[-1, 0, 0, 1.4])
     for a, b in zip(first.contours, second.contours, strict=True):
-        assert np.array_equal(a.recentre, b.recentre)
+        assert np.array_equal(a.recentre, b.recentre) and np.allclose(a.swing, b.swing, atol=1e-6)
         ours, theirs = (deformer("contours", x)(m)[s.vertices] for x, s in ((first, a), (second, b)))
         assert np.abs(ours - theirs).max() < 1e-6
     if kind == ".x3d":  # sliced again, contours fan as they did
@@ -242,6 +243,7 @@ def test_parts_with_other_parameters_still_meet(small):
     """A part's first contour does as the last of the part above it."""
     made = deepcopy(small)
     tuned(made, {"l_thigh_def": {"recentre": 0, "mitre": 0.8}, "r_forearm_def": {"recentre": 0, "mitre": 0}})
+    tuned(made, {"l_calf_def": {"ramp": "smoothstep"}, "r_upperarm_def": {"ramp": "smoothstep"}})
     body = vt.pack(made)
     by = {s.name: s.vertices for s in body.contours}
     out = deformer("contours", body)(posed(body.skeleton, l_knee=[1, 0.2, 0, 1.6], r_elbow=[-1, 0, 0.3, 1.4]))
@@ -258,17 +260,52 @@ def test_what_is_asked_wrongly_is_named(small):
         tuned(small, {"l_thigh_def": {"recentre": 0.5}})
     with pytest.raises(VitruvianError, match="l_thigh_def parameter: expected one of diversion"):
         tuned(small, {"l_thigh_def": {"tilt": 0.5}})
+    with pytest.raises(VitruvianError, match="l_thigh_def ramp: expected linear or smoothstep, found 'steep'"):
+        tuned(small, {"l_thigh_def": {"ramp": "steep"}})
+    with pytest.raises(VitruvianError, match="l_thigh_def mitre: expected a number"):
+        tuned(small, {"l_thigh_def": {"mitre": "much"}})
+
+
+def test_ramps_are_smooth_on_request(small, tmp_path):
+    """The steps of a smooth ramp begin and end small; a ramp that a file gives another name is refused."""
+    made = deepcopy(small)
+    swing = {}
+    for ramp in ("linear", "smoothstep"):
+        tuned(made, {"l_forearm_def": {"ramp": ramp, "upper": 6}})
+        swing[ramp] = next(s for s in vt.pack(made).contours if s.name == "l_forearm_def").swing[:7, 0]
+    along = 2 * swing["linear"] - 1
+    assert along[0] == 0 and along[6] == 1 and np.ptp(np.diff(along)) < 0.1
+    assert np.allclose(swing["smoothstep"], 0.5 + 0.5 * along**2 * (3 - 2 * along), atol=1e-12)
+    vt.save(made, tmp_path / "p.x3d")
+    text = (tmp_path / "p.x3d").read_text()
+    assert text.count("value='smoothstep'") == 1
+    (tmp_path / "p.x3d").write_text(text.replace("value='smoothstep'", "value='steep'"))
+    with pytest.raises(VitruvianError, match="ramp: expected linear or smoothstep, found 'steep'"):
+        vt.load(tmp_path / "p.x3d")
 
 
 def test_the_command_takes_both_for_all_parts_and_for_each(tmp_path):
     out = tmp_path / "p.x3d"
     command = [sys.executable, "-m", "vitruvian", "contours", "person", "-o", str(out), "--density", "0.5", "--json"]
-    more = ["--tilt", "0.25", "--recentre", "--set", "l_thigh_def.tilt=1", "--set", "r_calf_def.recentre=0"]
+    more = [
+        "--tilt",
+        "0.25",
+        "--recentre",
+        "--set",
+        "l_thigh_def.tilt=1",
+        "--set",
+        "r_calf_def.recentre=0",
+        "--ramp",
+        "smoothstep",
+        "--set",
+        "l_calf_def.ramp=linear",
+    ]
     done = subprocess.run([*command, *more], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0 and json.loads(done.stdout)["surfaces"] == 11, done.stderr
     found = {c.name: c for s in vt.load(out).segments() for c in s.contours}
     assert found["l_thigh_def"].tilt == 1 and found["r_thigh_def"].tilt == 0.25
     assert found["r_thigh_def"].recentre and not found["r_calf_def"].recentre
+    assert found["l_calf_def"].ramp == "linear" and found["r_calf_def"].ramp == "smoothstep"
 
 
 def test_levels_of_detail_are_recentred_alike(bodies):

@@ -12,8 +12,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError, warn
-
-RAMPS = ("linear", "smoothstep")
+from vitruvian.hanim.humanoid import RAMPS
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ def _limb(
     winds = None if distal is None else False if below else True if s.spread and distal not in surfaces else None
     axes = np.stack([own, _bone(skeleton, distal, None) if below and distal is not None else own])
     return limb(
-        s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
+        s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra, ramp=s.ramp,
         diversion=s.diversion, mitre=s.mitre, recentre=s.recentre, axes=axes, spread=(s.spread, winds), closed=s.closed,
         at=steps(s.points),
     )  # fmt: skip
