@@ -220,13 +220,14 @@ def small():
 @pytest.mark.parametrize("kind", [".x3d", ".wrl", ".x3dj"])
 def test_tilt_and_recentre_are_kept_in_files(small, kind, tmp_path):
     made = deepcopy(small)
-    tuned(made, {"r_calf_def": {"recentre": 0, "ramp": "smoothstep"}})
+    tuned(made, {"r_calf_def": {"recentre": 0, "ramp": "smoothstep"}, "l_upperarm_def": {"bulge": 0.3}})
     vt.save(made, tmp_path / f"p{kind}")
     again = vt.load(tmp_path / f"p{kind}")
     found = {c.name: c for s in again.segments() for c in s.contours}
     assert {n: c.tilt for n, c in found.items() if c.tilt} == {"l_thigh_def": 0.7, "r_forearm_def": 0.25}
     assert not found["r_calf_def"].recentre and found["l_calf_def"].recentre and not found["l5_front_def"].recentre
     assert [n for n, c in found.items() if c.ramp != "linear"] == ["r_calf_def"]
+    assert {n: c.bulge for n, c in found.items() if c.bulge} == {"l_upperarm_def": 0.3}
     first, second = (vt.pack(h) for h in (made, again))
     m = posed(first.skeleton, l_knee=[1, 0, 0, 1.5], r_knee=[1, 0, 0, 1.2], r_elbow=[-1, 0, 0, 1.4])
     for a, b in zip(first.contours, second.contours, strict=True):
@@ -258,7 +259,7 @@ def test_what_is_asked_wrongly_is_named(small):
         contours(vt.person(outfit=None, loa=1), tilt={"l_calf_def": 1.5})
     with pytest.raises(VitruvianError, match="l_thigh_def recentre: expected 0 or 1"):
         tuned(small, {"l_thigh_def": {"recentre": 0.5}})
-    with pytest.raises(VitruvianError, match="l_thigh_def parameter: expected one of diversion"):
+    with pytest.raises(VitruvianError, match="l_thigh_def parameter: expected one of bulge, diversion"):
         tuned(small, {"l_thigh_def": {"tilt": 0.5}})
     with pytest.raises(VitruvianError, match="l_thigh_def ramp: expected linear or smoothstep, found 'steep'"):
         tuned(small, {"l_thigh_def": {"ramp": "steep"}})
@@ -308,10 +309,30 @@ def test_the_command_takes_both_for_all_parts_and_for_each(tmp_path):
     assert found["l_calf_def"].ramp == "linear" and found["r_calf_def"].ramp == "smoothstep"
 
 
+def test_a_muscle_swells_with_the_next_joint_and_not_at_seams(small):
+    made = deepcopy(small)
+    bend = {}
+    for gain in (0.0, 0.3):
+        tuned(made, {"l_upperarm_def": {"bulge": gain}})
+        body = vt.pack(made)
+        by = {s.name: s.vertices for s in body.contours}
+        for angle in (0.0, 1.2, 2.4):
+            out = deformer("contours", body)(posed(body.skeleton, l_elbow=[-1, 0, 0, angle])).astype(float)
+            assert np.array_equal(out[by["l_upperarm_def"][-1]], out[by["l_forearm_def"][0]])
+            middle = out[by["l_upperarm_def"][len(by["l_upperarm_def"]) // 2]]
+            bend[gain, angle] = np.linalg.norm(middle - middle.mean(axis=0), axis=1).mean()
+    assert bend[0.0, 0.0] == bend[0.3, 0.0]
+    wider = [bend[0.3, a] / bend[0.0, a] for a in (1.2, 2.4)]
+    belly = next(s for s in body.contours if s.name == "l_upperarm_def").bulge[len(by["l_upperarm_def"]) // 2]
+    assert wider == pytest.approx([1 + belly * (1 - np.cos(a)) / 2 for a in (1.2, 2.4)], abs=5e-3) and wider[1] > 1.2
+
+
 def test_levels_of_detail_are_recentred_alike(bodies):
     from vitruvian.modeling.detail import coarser
 
     body = bodies["both"]
+    strong = [replace(s, bulge=0.3 * np.sin(np.linspace(0, np.pi, len(s))), muscle=0) for s in body.contours]
+    body = replace(body, contours=tuple(strong))
     small, source = coarser(body, contours=3, points=2)
     m = posed(body.skeleton, l_knee=[1, 0, 0, 1.4], r_elbow=[-1, 0, 0, 1.2], l_radiocarpal=[0, 1, 1, 0.8])
     assert np.array_equal(deformer("contours", small)(m), deformer("contours", body)(m)[source])

@@ -64,7 +64,8 @@ def shown(browser, referee: Path, path: Path):
 def humanoid():
     made = vt.contours(vt.person(gender=1, loa=2), density=0.5, diversion=0.4)
     left = [f"l_{part}_def" for part in ("upperarm", "forearm", "thigh", "calf")]
-    return lightened(tuned(made, {name: {"recentre": 1} for name in left}), 800)
+    tuned(made, {"r_upperarm_def": {"bulge": 0.3}} | {name: {"recentre": 1} for name in left})
+    return lightened(made, 800)
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,8 @@ def floats(mesh: str, name: str) -> np.ndarray:
 def people():
     """The built-in person with hands in a hard pose, and the same person in contours."""
     humanoid = vt.person(loa=4, outfit="body suit", hair="none")
-    sliced = tuned(vt.contours(humanoid, tilt=0.5), {f"l_{part}_def": {"recentre": 1} for part in ("thigh", "forearm")})
+    changes = {f"l_{part}_def": {"recentre": 1, "bulge": 0.2} for part in ("thigh", "forearm")}
+    sliced = tuned(vt.contours(humanoid, tilt=0.5), changes)
     bodies = [vt.pack(humanoid), vt.pack(sliced)]
     pose = default_pose(bodies[0].skeleton) | {f: [0, 0, 1, 0.9] for f in FINGERS}
     return [(body, posed(body, pose)) for body in bodies]

@@ -28,6 +28,7 @@ class Contours:
     mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. recentre (C,), 0..1: how far the
     contour's centre is brought back, in the contour's plane, to where it is as far from its bone as at rest. bulge (C,):
     how much wider (0.3: a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    middle, normal (C,3): centres and unit normals at rest, None: those of `vertices`.
     tied (n,2): vertices outside all contours that lie on an end of this surface, and the contour that moves them.
     """
 
@@ -44,6 +45,7 @@ class Contours:
     muscle: int = -1
     closed: bool = True
     middle: Floats | None = None
+    normal: Floats | None = None
     tied: Ints = None  # type: ignore[assignment]
     recentre: Floats = None  # type: ignore[assignment]
 
@@ -69,8 +71,9 @@ class Contours:
             put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
         tied = np.zeros((0, 2), np.int32) if self.tied is None else self.tied
         put("tied", indices(tied, f"{title}: tied", 1 << 30, None, 2))
-        if self.middle is not None:
-            put("middle", floats(self.middle, f"{title}: middle", count, 3))
+        for field in ("middle", "normal"):
+            if getattr(self, field) is not None:
+                put(field, floats(getattr(self, field), f"{title}: {field}", count, 3))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
 
     def __len__(self) -> int:

@@ -67,7 +67,9 @@ def _met(made: Contours, s: ContourSurface, above: ContourSurface | None) -> Con
             warn(f"contours {s.name}: UpperDef is 0 but {above.name} has a ramp that ends at its seam, which will tear")
         if made.swing[0, 0] == 0.5:
             recentre[0], mitre[0] = float(above.recentre), above.mitre
-    return replace(made, recentre=recentre, mitre=mitre)
+    belly = s.bulge * np.sin(np.pi * np.linspace(0, 1, len(made))) ** 2
+    belly[[0, -1]] = 0
+    return replace(made, recentre=recentre, mitre=mitre, bulge=belly, muscle=len(made.joints) - 1 if s.bulge else -1)
 
 
 def joined(points: Floats, contours: Sequence[Contours]) -> tuple[Floats, tuple[Contours, ...]]:

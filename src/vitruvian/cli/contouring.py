@@ -41,7 +41,7 @@ def contours(
         "--set",
         metavar="SURFACE.PARAMETER=VALUE",
         help="Another parameter: l_thigh_def.lower=4 contours, l_thigh_def.lower=80mm, l_thigh_def.mitre=0.5, and so "
-        "diversion, recentre (0 or 1), ramp, tilt, upper, fixed_upper, extra. Repeatable.",
+        "bulge, diversion, recentre (0 or 1), ramp, tilt, upper, fixed_upper, extra. Repeatable.",
     ),
     report: bool = typer.Option(
         False, "--report", help="Say what hard poses do to it, and how each Segment's surface can be organised."

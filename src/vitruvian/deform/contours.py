@@ -121,7 +121,9 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
     middle = np.concatenate([
         p.mean(axis=1) if s.middle is None else s.middle for s, p in zip(surfaces, points, strict=True)
     ])  # fmt: skip
-    along = np.concatenate([_normals(p) for p in points])
+    along = np.concatenate(
+        [normals(p) if s.normal is None else s.normal for s, p in zip(surfaces, points, strict=True)]
+    )
     flat = lambda field: np.concatenate([getattr(s, field) for s in surfaces])  # noqa: E731
     pairs = np.array(list(links), np.int32).reshape(-1, 2)
     bone = np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3)
@@ -181,7 +183,7 @@ def _bone(body: Body, near: int, far: int) -> Floats:
     return unit(out) if np.linalg.norm(out) > 1e-9 else np.array([0.0, -1.0, 0.0])
 
 
-def _normals(points: Floats) -> Floats:
+def normals(points: Floats) -> Floats:
     """(C,3) unit normals of contours (C,P,3), by their vector areas."""
     around = points - points.mean(axis=1, keepdims=True)
     area = np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1)

@@ -2,8 +2,9 @@
 
 Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
 coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `ramp`, `diversion`,
-`mitre`, `recentre`, `spread`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name and
-shininess. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
+`mitre`, `recentre`, `spread`, `bulge`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name
+and shininess. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's
+centre.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ _INTERFACE = (
     ("inputOutput", "SFFloat", "mitre", "0"),
     ("inputOutput", "SFBool", "recentre", "FALSE"),
     ("inputOutput", "SFBool", "spread", "FALSE"),
+    ("inputOutput", "SFFloat", "bulge", "0"),
     ("initializeOnly", "SFFloat", "tilt", "0"),
     ("inputOutput", "SFBool", "closed", "TRUE"),
 )
@@ -117,6 +119,7 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         "mitre": float(surface.mitre),
         "recentre": surface.recentre,
         "spread": surface.spread,
+        "bulge": float(surface.bulge),
         "tilt": float(surface.tilt),
         "closed": surface.closed,
     }
@@ -190,7 +193,7 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
         fixed_upper=whole["FixedUpperDef"], upper=whole["UpperDef"], lower=whole["LowerDef"],
         extra=whole["ExtrContour"], ramp=ramp, diversion=value("diversion"), mitre=value("mitre"),
         recentre=_flag(reading, node, "recentre", False), spread=_flag(reading, node, "spread", False),
-        tilt=value("tilt"),
+        bulge=value("bulge"), tilt=value("tilt"),
         uv=texture.reshape(count, each, 2) if len(texture) and fits(texture) else None,
         colors=colors.reshape(count, each, 3) if len(colors) and fits(colors) else None,
         material=bands[0][1] if len(bands) == 1 else look, bands=bands if len(bands) > 1 else (), node=node,

@@ -140,6 +140,7 @@ class ContourSurface:
     the share grows over the contours of a limb, "linear" or "smoothstep".
     `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `recentre`: contours keep
     their distances from the bone; `spread`: the part of the rotation about the limb is spread over the whole surface.
+    `bulge` 0..1: how much wider its middle gets, as by a muscle, where the next joint is fully bent.
     `tilt` 0..1 says how far its contours, as they are, fan about the axis of the knee or elbow. `bands`: from each of
     these contours on, faces look like that material instead.
     """
@@ -156,6 +157,7 @@ class ContourSurface:
     mitre: float = 0.0
     recentre: bool = False
     spread: bool = False
+    bulge: float = 0.0
     tilt: float = 0.0
     uv: Array | None = None
     colors: Array | None = None

@@ -424,7 +424,7 @@ def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:
 
 def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float | str]]) -> Humanoid:
     """The same contour body with other parameters: {surface: {parameter: value}}, of `fixed_upper`, `upper`, `lower`,
-    `extra` (whole numbers: contours; others: lengths in metres along the surface), `diversion` and `mitre` (0..1),
+    `extra` (whole numbers: contours; others: lengths in metres along the surface), `bulge`, `diversion` and `mitre` (0..1),
     `recentre` (0 or 1), and `ramp`. `tilt` is none of them: it says where contours are, so `contours` takes it.
 
     The surfaces of `humanoid` itself are changed. Raises VitruvianError for surfaces and parameters it does not have.
@@ -438,7 +438,7 @@ def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float | str]]) 
 
 
 _COUNTED = ("extra", "fixed_upper", "lower", "upper")
-_PARAMETERS = sorted((*_COUNTED, "diversion", "mitre", "ramp", "recentre"))
+_PARAMETERS = sorted((*_COUNTED, "bulge", "diversion", "mitre", "ramp", "recentre"))
 
 
 def _set(surface: ContourSurface, field: str, value: float | str) -> None:
