@@ -323,7 +323,7 @@ def test_the_built_in_person_becomes_a_contour_body(sliced):
         points = body.skin.rest[surface.vertices]
         area = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=(1, 2))
         axis = points[-1].mean(axis=0) - points[0].mean(axis=0)
-        normals = operator._normals(points)
+        normals = operator.normals(points)
         assert (normals @ axis < 0).mean() > 0.9 and np.isfinite(area).all()
 
 

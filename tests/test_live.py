@@ -24,6 +24,7 @@ from vitruvian.formats.live import CLOCK, SCRIPT, Live, _below, live_scene
 from vitruvian.formats.live_parts import levels
 from vitruvian.hanim.graph import Node, Proto
 from vitruvian.hanim.graph import Route as SceneRoute
+from vitruvian.modeling.contours import tuned
 from vitruvian.modeling.lighter import lightened
 from vitruvian.motion.tracks import tracks_of
 from vitruvian.motion.types import Motion
@@ -61,7 +62,10 @@ def shown(browser, referee: Path, path: Path):
 
 @pytest.fixture(scope="module")
 def humanoid():
-    return lightened(vt.contours(vt.person(gender=1, loa=2), density=0.5, diversion=0.4), 800)
+    made = vt.contours(vt.person(gender=1, loa=2), density=0.5, diversion=0.4)
+    left = [f"l_{part}_def" for part in ("upperarm", "forearm", "thigh", "calf")]
+    tuned(made, {"r_upperarm_def": {"bulge": 0.3}} | {name: {"recentre": 1} for name in left})
+    return lightened(made, 800)
 
 
 @pytest.fixture(scope="module")

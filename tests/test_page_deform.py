@@ -19,6 +19,7 @@ from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Morph, Weights
 from vitruvian.deform.deformer import NAMES, deformer
 from vitruvian.deform.quality import Gauge, turned
+from vitruvian.modeling.contours import tuned
 from vitruvian.show.actors import actors_of, mesh_message
 from vitruvian.show.comparison import default_pose
 from vitruvian.show.server import FOLDER
@@ -72,7 +73,9 @@ def floats(mesh: str, name: str) -> np.ndarray:
 def people():
     """The built-in person with hands in a hard pose, and the same person in contours."""
     humanoid = vt.person(loa=4, outfit="body suit", hair="none")
-    bodies = [vt.pack(humanoid), vt.pack(vt.contours(humanoid))]
+    changes = {f"l_{part}_def": {"recentre": 1, "bulge": 0.2} for part in ("thigh", "forearm")}
+    sliced = tuned(vt.contours(humanoid, tilt=0.5), changes)
+    bodies = [vt.pack(humanoid), vt.pack(sliced)]
     pose = default_pose(bodies[0].skeleton) | {f: [0, 0, 1, 0.9] for f in FINGERS}
     return [(body, posed(body, pose)) for body in bodies]
 
@@ -93,6 +96,8 @@ def test_every_deformer_of_the_page_is_the_kernels_and_so_are_its_numbers(people
             wanted = deformer(name, body)(matrices)
             found = answer[name]["points"]
             assert np.abs(found - wanted).max() < 1e-5, name
+            for s in body.contours if name == "contours" else ():
+                assert np.abs(found[s.vertices] - wanted[s.vertices]).max() < 1e-6, s.name
             np.testing.assert_array_equal(answer[name]["some"], found[some])  # a part of it
             if name not in MEASURED:
                 continue

@@ -69,6 +69,8 @@ void place(const double* m, const double* p, double* out) {
     for (int r = 0; r < 3; ++r) out[r] = m[r * 4] * p[0] + m[r * 4 + 1] * p[1] + m[r * 4 + 2] * p[2] + m[r * 4 + 3];
 }
 
+inline double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
 const double kStill[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 
 }  // namespace
@@ -133,6 +135,33 @@ void contour_turns(const ContourProgram& p, const double* links, double* out) {
     }
 }
 
+// Changes `shift` of the centre of contour k, which m turns, as if it turned about its place on the bone instead of the
+// joint, and slides it in the contour's plane until it stands off from the bone as far as at rest. In the rest frame of
+// the bone; the contour of a seam has the same numbers on both surfaces.
+void recentre(const double* matrix, const ContourProgram& p, int64_t k, const double* m, double* shift) {
+    const double* f = p.limb[k] < 0 ? kStill : matrix + int64_t(p.limb[k]) * 16;
+    const double *c = p.middle + 3 * k, *d = p.way + 3 * k, *e = p.aside + 3 * k;
+    const double* n = p.bone + 3 * int64_t(p.mitre_link[k]);
+    double here[3], gone[3], offset[3], normal[3], lag[3], change[3];
+    place(m, c, here);
+    for (int i = 0; i < 3; ++i) here[i] += shift[i] - f[i * 4 + 3];
+    for (int i = 0; i < 3; ++i) {
+        double turned[3];  // a row of the motion against the bone
+        for (int j = 0; j < 3; ++j) turned[j] = f[i] * m[j] + f[4 + i] * m[4 + j] + f[8 + i] * m[8 + j];
+        gone[i] = f[i] * here[0] + f[4 + i] * here[1] + f[8 + i] * here[2] - c[i];
+        normal[i] = dot(turned, n);
+        offset[i] = dot(turned, e) - e[i];
+        lag[i] = p.seam[k] * (dot(turned, d) - d[i]);
+    }
+    const double along = dot(offset, d);
+    for (int i = 0; i < 3; ++i) offset[i] = e[i] + (offset[i] - along * d[i]);
+    const double size = dot(offset, offset), scale = size > 1e-24 ? sqrt(dot(e, e) / size) : 1;
+    for (int i = 0; i < 3; ++i) offset[i] *= scale;
+    const double slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / fmax(dot(d, normal), 0.2);
+    for (int i = 0; i < 3; ++i) change[i] = p.recentre[k] * (offset[i] - e[i] - slide * d[i] - gone[i]);
+    for (int i = 0; i < 3; ++i) shift[i] += dot(f + i * 4, change);
+}
+
 // Motions of the contours of one frame, (C,4,4).
 void contour_motions(const double* matrix, const ContourProgram& p, const double* links, const double* turns,
                      double* out) {
@@ -167,6 +196,7 @@ void contour_motions(const double* matrix, const ContourProgram& p, const double
             place(matrix + int64_t(p.frame[k]) * 16, c, there);
             for (int i = 0; i < 3; ++i) shift[i] = p.diversion[k] * (there[i] - here[i]);
         }
+        if (p.recentre[k] != 0) recentre(matrix, p, k, m, shift);
         double widen = 1, stretch = 0, across[3] = {0, 0, 0};
         if (p.mitre[k] != 0) {  // in the plane of the bend, by 1 / cos of what the contour lacks to the bone
             const int32_t l = p.mitre_link[k];

@@ -68,6 +68,11 @@ struct ContourProgram {
     const double* mitre_share;   // (contours,) part of the bend that the contour lacks to the bone it lies on
     const double* bulge;         // (contours,)
     const int32_t* bulge_link;   // (contours,)
+    const double* recentre;      // (contours,)
+    const int32_t* limb;         // (contours,) the joint that turns the bone that the contour lies on, or -1
+    const double* way;           // (contours, 3) unit: along that bone
+    const double* aside;         // (contours, 3) from the bone to the contour's centre, across it
+    const double* seam;          // (contours,) where the ramp's seam is along that bone, from the joint on
 };
 
 // One hand; see vitruvian.deform.hands.HandProgram.

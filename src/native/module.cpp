@@ -1,23 +1,19 @@
 // The Python face of the kernels: checks shapes, releases the GIL, chooses the instruction set once.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
-#include <memory>
-#include <optional>
 #include <string>
-#include <tuple>
-#include <type_traits>
+#include <utility>
 #include <vector>
 
+#include "buckets.h"
+#include "face.h"
 #include "kernels.h"
 #include "motions.h"
 #include "parse.h"
 #include "threads.h"
 
-namespace nb = nanobind;
+using namespace vt::face;
 
 namespace {
 
@@ -91,27 +87,6 @@ Kernels best() {
 
 Kernels use = best();
 
-template <class T, int N>
-using Array = nb::ndarray<const T, nb::numpy, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
-template <class T, int N>
-using Output = nb::ndarray<T, nb::numpy, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
-
-template <class A>
-auto data(const std::optional<A>& array) {
-    return array ? array->data() : nullptr;
-}
-
-void check(bool ok, const char* what) {
-    if (!ok) throw nb::value_error(what);
-}
-
-// Runs work(i) for i in [0, count) on some threads, without the GIL.
-template <class F>
-void each(int64_t count, int threads, F&& work) {
-    nb::gil_scoped_release release;
-    vt::share(count, threads, [](void* f, int64_t i) { (*static_cast<F*>(f))(i); }, &work);
-}
-
 void forward_kinematics(Array<int32_t, 1> parent, Array<double, 2> center, Array<double, 3> rotation,
                         Array<double, 3> translation, std::optional<Array<double, 2>> root,
                         std::optional<Array<double, 3>> stretch, std::optional<Array<double, 3>> binding,
@@ -130,23 +105,6 @@ void forward_kinematics(Array<int32_t, 1> parent, Array<double, 2> center, Array
     });
 }
 
-// An uninitialised array that owns its memory.
-template <class T>
-nb::ndarray<nb::numpy, T> owned(std::initializer_list<size_t> shape) {
-    size_t size = 1;
-    for (size_t n : shape) size *= n;
-    T* values = new T[size ? size : 1];
-    nb::capsule owner(values, [](void* p) noexcept { delete[] static_cast<T*>(p); });
-    return nb::ndarray<nb::numpy, T>(values, shape, owner);
-}
-
-// Vertices whose positions and weights stay in the first level cache for all frames; of one frame a longer run, which
-// the processor reads ahead in.
-const int64_t kBlock = 512, kRun = 2048;
-
-int64_t blocks(int64_t count, int64_t block) { return (count + block - 1) / block; }
-int64_t stop(int64_t i, int64_t count, int64_t block) { return (i + 1) * block < count ? (i + 1) * block : count; }
-
 // (F,J,16), or with `still` (F,J+1,16), the last of which does not move.
 nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices, bool still) {
     const size_t frames = matrices.shape(0), joints = matrices.shape(1), rows = joints + (still ? 1 : 0);
@@ -157,68 +115,6 @@ nb::ndarray<nb::numpy, float> linear_table(Array<double, 4> matrices, bool still
         if (still) std::fill(o + joints * 16, o + rows * 16, 0.0f);
     }
     return out;
-}
-
-template <class T>
-using AnyArray = nb::ndarray<const T, nb::numpy, nb::c_contig, nb::device::cpu>;
-
-// What owns all of the arrays.
-template <class... A>
-std::shared_ptr<void> keep(const A&... arrays) {
-    return std::make_shared<std::tuple<A...>>(arrays...);
-}
-
-// Buckets with what operators hang on them, and the arrays that they point into.
-struct Laid {
-    vt::Bucket bucket;
-    bool lanes;
-    const int32_t *base, *set;  // of each place
-    const float *center, *carry;
-};
-
-struct Buckets {
-    std::vector<Laid> laid;
-    std::vector<std::shared_ptr<void>> arrays;
-    int64_t count = 0;
-
-    // Calls work(laid, first vertex, stop) for all parts, on some threads; a vertex costs `cost` times as much as in linear
-    // blending.
-    template <class F>
-    void each_part(int64_t frames, int threads, int cost, F&& work) const {
-        const int64_t block = frames > 1 ? kBlock : kRun;
-        int64_t parts = 0;
-        for (const Laid& l : laid) parts += blocks(l.bucket.count, block);
-        each(parts, vt::threads_for(count * cost * (frames < 4 ? frames : 4), threads), [&](int64_t i) {
-            const Laid* l = laid.data();
-            for (int64_t n; i >= (n = blocks(l->bucket.count, block)); ++l) i -= n;
-            work(*l, i * block, stop(i, l->bucket.count, block));
-        });
-    }
-};
-
-void add_bucket(Buckets& all, int influences, int lanes, int64_t count, AnyArray<float> rest, AnyArray<int32_t> joint,
-                AnyArray<float> weight, std::optional<Array<int32_t, 1>> row, std::optional<Array<int32_t, 1>> target,
-                bool shared, std::optional<AnyArray<int32_t>> base, std::optional<AnyArray<int32_t>> set,
-                std::optional<AnyArray<float>> center, std::optional<AnyArray<float>> carry) {
-    const char* wrong = "bucket does not fit together";
-    const int64_t places = lanes == 8 ? (count + 7) / 8 * 8 : count, width = influences;
-    check(lanes == 1 || lanes == 8, wrong);
-    check(int64_t(rest.size()) == places * 3 && (!target || int64_t(target->size()) >= count), wrong);
-    if (lanes == 1) {
-        check(joint.size() == weight.size() && int64_t(joint.size()) >= count * width && (width > 0) == !row, wrong);
-        check(!row || int64_t(row->size()) == count + 1, wrong);
-    } else {
-        check(width == 1 || width == 2 || width == 4 || width == 8 || width == 16 || width == 64, "no kernel so wide");
-        check(int64_t(weight.size()) == places * width, wrong);
-        check(int64_t(joint.size()) == (shared ? places / 8 : places) * width, wrong);
-    }
-    check((!base || int64_t(base->size()) == places) && (!set || int64_t(set->size()) == places), wrong);
-    check((!center || int64_t(center->size()) == places * 3) && (!center == !carry), wrong);
-    check(!carry || carry->size() == weight.size(), wrong);
-    const vt::Bucket bucket{influences, count, rest.data(), joint.data(), weight.data(), data(row), data(target), shared};
-    all.laid.push_back({bucket, lanes == 8, data(base), data(set), data(center), data(carry)});
-    all.arrays.push_back(keep(rest, joint, weight, row, target, base, set, center, carry));
-    all.count += count;
 }
 
 // out (F,V,3) points or (F,V,12) transforms.
@@ -384,17 +280,22 @@ Bound<vt::ContourProgram> bind_contours(
     Array<int32_t, 1> base, Array<int32_t, 1> row, Array<int32_t, 1> step, Array<double, 1> swing,
     Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along, Array<int32_t, 1> frame,
     Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link, Array<double, 1> mitre_share,
-    Array<double, 1> bulge, Array<int32_t, 1> bulge_link) {
+    Array<double, 1> bulge, Array<int32_t, 1> bulge_link, Array<double, 1> recentre, Array<int32_t, 1> limb,
+    Array<double, 2> way, Array<double, 2> aside, Array<double, 1> seam) {
     const int64_t links = int64_t(link.shape(0)), contours = int64_t(base.shape(0));
     check(axis.shape(0) == link.shape(0) && bone.shape(0) == link.shape(0), "program does not fit together");
     check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
     check(twist.shape(0) == step.shape(0), "program does not fit together");
+    check(recentre.shape(0) == base.shape(0) && limb.shape(0) == base.shape(0), "program does not fit together");
+    check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0) && seam.shape(0) == base.shape(0), "program does not fit together");
     const vt::ContourProgram program{links, contours, int64_t(step.shape(0)), center.data(), link.data(), axis.data(),
                                      bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
                                      middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),
-                                     mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data()};
+                                     mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data(),
+                                     recentre.data(), limb.data(), way.data(), aside.data(), seam.data()};
     return bind(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
-                along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link);
+                along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link, recentre, limb, way, aside,
+                seam);
 }
 
 // The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).
@@ -467,12 +368,7 @@ NB_MODULE(_native, m) {
           nb::arg("translation"), nb::arg("root").none(), nb::arg("stretch").none(), nb::arg("binding").none(),
           nb::arg("out"), nb::arg("threads") = 0);
     m.def("linear_table", &linear_table, nb::arg("matrices"), nb::arg("still") = false);
-    nb::class_<Buckets>(m, "Buckets")
-        .def(nb::init<>())
-        .def("add", &add_bucket, nb::arg("influences"), nb::arg("lanes"), nb::arg("count"), nb::arg("rest"),
-             nb::arg("joint"), nb::arg("weight"), nb::arg("row").none(), nb::arg("target").none(), nb::arg("shared"),
-             nb::arg("base") = nb::none(), nb::arg("set") = nb::none(), nb::arg("center") = nb::none(),
-             nb::arg("carry") = nb::none());
+    vt::face::bind_buckets(m);
     m.def("linear", &linear, nb::arg("buckets"), nb::arg("table"), nb::arg("out"), nb::arg("threads") = 0);
     m.def("touch", &touch, nb::arg("table").none(), nb::arg("rest"), nb::arg("joint"), nb::arg("weight"),
           nb::arg("target").none(), nb::arg("count"), nb::arg("out"), nb::arg("threads") = 0);

@@ -12,8 +12,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError, warn
-
-RAMPS = ("linear", "smoothstep")
+from vitruvian.hanim.humanoid import RAMPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +25,10 @@ class Contours:
     swing (C,n): the share, 0..1, that each contour takes of each joint's rotation. twist (C,n): its share of the part
     of that rotation about `axes` (n,3), the rest then being `swing`; NaN: the rotation is not split.
     diversion (C,), 0..1: how much of the way that a contour's centre goes besides the rigid surface is taken back.
-    mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. bulge (C,): how much wider (0.3:
-    a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    mitre (C,), 0..1: how much of the thickness that a bend takes away is given back. recentre (C,), 0..1: how far the
+    contour's centre is brought back, in the contour's plane, to where it is as far from its bone as at rest. bulge (C,):
+    how much wider (0.3: a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
+    middle, normal (C,3): centres and unit normals at rest, None: those of `vertices`.
     tied (n,2): vertices outside all contours that lie on an end of this surface, and the contour that moves them.
     """
 
@@ -44,7 +45,9 @@ class Contours:
     muscle: int = -1
     closed: bool = True
     middle: Floats | None = None
+    normal: Floats | None = None
     tied: Ints = None  # type: ignore[assignment]
+    recentre: Floats = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -63,13 +66,14 @@ class Contours:
         put("twist", twist)
         axes = np.tile([0.0, 1.0, 0.0], (n, 1)) if self.axes is None else self.axes
         put("axes", floats(axes, f"{title}: axes", n, 3))
-        for field in ("diversion", "mitre", "bulge"):
+        for field in ("diversion", "mitre", "bulge", "recentre"):
             value = getattr(self, field)
             put(field, floats(np.zeros(count) if value is None else value, f"{title}: {field}", count))
         tied = np.zeros((0, 2), np.int32) if self.tied is None else self.tied
         put("tied", indices(tied, f"{title}: tied", 1 << 30, None, 2))
-        if self.middle is not None:
-            put("middle", floats(self.middle, f"{title}: middle", count, 3))
+        for field in ("middle", "normal"):
+            if getattr(self, field) is not None:
+                put(field, floats(getattr(self, field), f"{title}: {field}", count, 3))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
 
     def __len__(self) -> int:
@@ -84,7 +88,9 @@ class Contours:
             whole[:, : own[0] + 1] = 1
         nothing = np.zeros(len(self))
         unsplit = np.full_like(whole, np.nan)
-        return replace(self, swing=whole, twist=unsplit, diversion=nothing, mitre=nothing, bulge=nothing)
+        return replace(
+            self, swing=whole, twist=unsplit, diversion=nothing, mitre=nothing, bulge=nothing, recentre=nothing
+        )
 
 
 def steps(points: Floats) -> Floats:
@@ -200,6 +206,7 @@ def limb(
     extra: int = 0,
     diversion: float = 0.0,
     mitre: float = 0.0,
+    recentre: bool = False,
     ramp: str = "linear",
     axes: Floats | None = None,
     spread: tuple[bool, bool | None] = (False, None),
@@ -212,7 +219,8 @@ def limb(
     `spread` the part of a joint's rotation about its bone is spread evenly over all of a surface: (own, distal). The own
     joint's over this surface, so that a turned shoulder winds the upper arm instead of its seam; the distal one's over
     this surface too (True: a turned hand winds the forearm), or over the next one (False); None: it is not split.
-    `at` (C,): see `steps`. Raises VitruvianError for parameters out of range.
+    `recentre`: contours keep their distances from the bone, but those of the own joint's ramp only when nothing is fixed,
+    for else it begins on another part. `at` (C,): see `steps`. Raises VitruvianError for parameters out of range.
     """
     count = len(vertices)
     at = np.arange(count, dtype=np.float64) if at is None else at
@@ -248,6 +256,7 @@ def limb(
         diversion=diversion * taper(count, fixed + upper, lower),
         mitre=mitre * bend * np.where(np.arange(count) < fixed, 0.0, 1.0),
         closed=closed,
+        recentre=np.where((own == 1) | (fixed == 0), float(recentre), 0.0),
     )
 
 

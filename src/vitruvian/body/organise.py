@@ -38,20 +38,38 @@ def organised(surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Sk
             chain = [index[n] for n in NECK if n in index]
             out.append(_neck(joint, surface, numbers, skeleton, chain, index.get("skullbase")))
         else:
-            _closed_seam(surface, joint, surfaces, skeleton)
-            out.append(_limb(joint, surface, numbers, skeleton, {j for j, _, _ in surfaces}, spread))
+            made = _limb(joint, surface, numbers, skeleton, {j for j, _, _ in surfaces}, spread)
+            out.append(_met(made, surface, _above(surface, joint, surfaces, skeleton)))
     return tuple(out)
 
 
-def _closed_seam(
+def _above(
     s: ContourSurface, joint: int, surfaces: Sequence[tuple[int, ContourSurface, Ints]], skeleton: Skeleton
-) -> None:
-    """Warns where a surface takes none of the half that its parent surface takes at their seam."""
+) -> ContourSurface | None:
+    """The surface on the parent joint that ends with a ramp where this one begins."""
     above = int(skeleton.parents[joint])
     for other, q, _ in surfaces:
-        meets = other == above and q.lower and q.points.shape[1] == s.points.shape[1] and not (s.upper or s.fixed_upper)
+        meets = other == above and q.lower and q.points.shape[1] == s.points.shape[1]
         if meets and np.abs(q.points[-1] - s.points[0]).max() < SAME:
-            warn(f"contours {s.name}: UpperDef is 0 but {q.name} has a ramp that ends at its seam, which will tear")
+            return q
+    return None
+
+
+def _met(made: Contours, s: ContourSurface, above: ContourSurface | None) -> Contours:
+    """A limb whose first contour does as the last of the surface above it, so that the seam stays closed where the two
+    have other parameters. Warns where it takes none of the half that the one above takes. Where nothing is above, the
+    ramp begins on another part, whose bone the contours cannot keep to."""
+    recentre, mitre = made.recentre.copy(), made.mitre.copy()
+    if above is None:
+        recentre[made.swing[:, 0] < 1] = 0
+    else:
+        if not (s.upper or s.fixed_upper):
+            warn(f"contours {s.name}: UpperDef is 0 but {above.name} has a ramp that ends at its seam, which will tear")
+        if made.swing[0, 0] == 0.5:
+            recentre[0], mitre[0] = float(above.recentre), above.mitre
+    belly = s.bulge * np.sin(np.pi * np.linspace(0, 1, len(made))) ** 2
+    belly[[0, -1]] = 0
+    return replace(made, recentre=recentre, mitre=mitre, bulge=belly, muscle=len(made.joints) - 1 if s.bulge else -1)
 
 
 def joined(points: Floats, contours: Sequence[Contours]) -> tuple[Floats, tuple[Contours, ...]]:
@@ -100,8 +118,8 @@ def _limb(
     winds = None if distal is None else False if below else True if s.spread and distal not in surfaces else None
     axes = np.stack([own, _bone(skeleton, distal, None) if below and distal is not None else own])
     return limb(
-        s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra,
-        diversion=s.diversion, mitre=s.mitre, axes=axes, spread=(s.spread, winds), closed=s.closed,
+        s.name, numbers, joint, distal, fixed=s.fixed_upper, upper=s.upper, lower=s.lower, extra=s.extra, ramp=s.ramp,
+        diversion=s.diversion, mitre=s.mitre, recentre=s.recentre, axes=axes, spread=(s.spread, winds), closed=s.closed,
         at=steps(s.points),
     )  # fmt: skip
 

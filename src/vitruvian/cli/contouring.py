@@ -25,11 +25,23 @@ def contours(
     density: float = typer.Option(1.0, min=0.25, max=4, help="More (2: twice) or fewer contours and points in each."),
     mitre: float = typer.Option(0.25, min=0, max=1, help="How much of the thickness of bends is kept."),
     diversion: float = typer.Option(0.0, min=0, max=1, help="How far contours that swing aside are taken back."),
+    recentre: bool = typer.Option(
+        False, "--recentre", help="Contours of a bend keep their distances from the bone instead of swinging aside."
+    ),
+    ramp: str = typer.Option("linear", help="How the turn grows over the contours of a bend: linear or smoothstep."),
+    tilt: float | None = typer.Option(
+        None,
+        min=0,
+        max=1,
+        help="How far contours fan at rest about the axes of knees and elbows; 1: evenly apart when bent by 90 degrees "
+        "(default: as IN says if it has contours, else 0).",
+    ),
     change: list[str] = typer.Option(
         [],
         "--set",
         metavar="SURFACE.PARAMETER=VALUE",
-        help="Another parameter: l_thigh_def.lower=4 contours, l_thigh_def.lower=80mm, l_thigh_def.mitre=0.5. Repeatable.",
+        help="Another parameter: l_thigh_def.lower=4 contours, l_thigh_def.lower=80mm, l_thigh_def.mitre=0.5, and so "
+        "bulge, diversion, recentre (0 or 1), ramp, tilt, upper, fixed_upper, extra. Repeatable.",
     ),
     report: bool = typer.Option(
         False, "--report", help="Say what hard poses do to it, and how each Segment's surface can be organised."
@@ -44,7 +56,8 @@ def contours(
     """Turn a body into contour surfaces: limbs, torso and neck in loops that turn by shares of the joints' rotations."""
     from vitruvian.cli.people import subject
     from vitruvian.formats import registry
-    from vitruvian.modeling.contours import contoured, tuned
+    from vitruvian.modeling.contours import TILTED, contoured, tuned
+    from vitruvian.modeling.fans import tilts
     from vitruvian.modeling.organising import segments
     from vitruvian.modeling.trials import trials
 
@@ -57,8 +70,14 @@ def contours(
 
         known(pointers, chosen)
     humanoid = subject(source, repair=repair)
-    made = contoured(humanoid, density=density, mitre=mitre, diversion=diversion)
-    tuned(made.humanoid, _changes(change))
+    changes = _changes(change)
+    fans = {name: float(values.pop("tilt")) for name, values in changes.items() if "tilt" in values}
+    if fans:
+        fans = tilts(humanoid, tilt, list(TILTED)) | fans
+    made = contoured(
+        humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, ramp=ramp, tilt=fans or tilt
+    )
+    tuned(made.humanoid, changes)
     unit = 1000 / (made.scale if not 1 / 3 < made.scale < 3 else 1)  # of figures in inches: as on a person
     surfaces = [c for s in made.humanoid.segments() for c in s.contours]
     document: dict[str, Any] = {
@@ -97,11 +116,15 @@ def contours(
     emit(document, "\n".join([*lines, *more, *(f"lost: {line}" for line in document["lost"])]), as_json)
 
 
-def _changes(options: list[str]) -> dict[str, dict[str, float]]:
-    """SURFACE.PARAMETER=VALUE options; a value with mm, cm or m is a length, a whole number a number of contours."""
-    out: dict[str, dict[str, float]] = {}
+def _changes(options: list[str]) -> dict[str, dict[str, float | str]]:
+    """SURFACE.PARAMETER=VALUE options; a value with mm, cm or m is a length, a whole number a number of contours; a
+    ramp is a word."""
+    out: dict[str, dict[str, float | str]] = {}
     units = {"mm": 0.001, "cm": 0.01, "m": 1.0}
     for option in options:
+        if word := re.fullmatch(r"(\w+)\.ramp=(\w+)", option.strip()):
+            out.setdefault(word[1], {})["ramp"] = word[2]
+            continue
         found = re.fullmatch(r"(\w+)\.(\w+)=([0-9.]+)(mm|cm|m)?", option.strip())
         try:
             if found is None:

@@ -23,6 +23,7 @@ from vitruvian.deform.bind import Influences, bind, plain_buckets
 from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
 from vitruvian.deform.operators import Linear, Rigid
+from vitruvian.deform.survey import Slabs, slabs, surveyed
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
@@ -52,6 +53,11 @@ class Program:
     mitre_share: Floats
     bulge: Floats
     bulge_link: Ints
+    recentre: Floats
+    limb: Ints
+    way: Floats
+    aside: Floats
+    seam: Floats
     paper: bool = False  # twists as first published: the axis-angle's component along the bone
 
     def __len__(self) -> int:
@@ -65,6 +71,7 @@ class Program:
         arrays = (
             p.center, p.link, p.axis, p.bone, p.base, p.row, p.step, p.swing, p.twist, p.middle, p.along, p.frame,
             p.diversion, p.mitre, p.mitre_link, p.mitre_share, p.bulge, p.bulge_link,
+            p.recentre, p.limb, p.way, p.aside, p.seam,
         )  # fmt: skip
         return native.bind_contours(*map(np.ascontiguousarray, arrays))
 
@@ -81,10 +88,11 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
     skeleton, rest = body.skeleton, body.skin.rest
     links: dict[tuple[int, int], int] = {}
     axes: list[Floats] = []
-    base, row, step, swing, twist, lean, share, wide = [], [0], [], [], [], [], [], []
+    base, row, step, swing, twist, lean, share, wide, lies, ends = [], [0], [], [], [], [], [], [], [], []
     for surface in surfaces:
         chain = surface.joints.tolist()
         near = [int(skeleton.parents[chain[0]]), *chain[:-1]]
+        after = [*chain[1:], _next(skeleton, chain[-1], rest[surface.vertices[-1]].mean(axis=0))]
         here = []
         for a, b, axis in zip(near, chain, surface.axes, strict=True):
             if (a, b) not in links:
@@ -106,19 +114,26 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
             worst = int(np.argmax(missing))
             lean.append(here[worst])
             share.append(missing[worst])
+            lies.append((near[worst], chain[worst]) if surface.swing[k, worst] <= 0.5 else (chain[worst], after[worst]))
+            ends.append(len(base) - 1 - k + (len(surface) - 1 if worst else 0))
             wide.append(here[surface.muscle] if surface.muscle >= 0 else 0)
     points = [rest[s.vertices] for s in surfaces]
     middle = np.concatenate([
         p.mean(axis=1) if s.middle is None else s.middle for s, p in zip(surfaces, points, strict=True)
     ])  # fmt: skip
-    along = np.concatenate([_normals(p) for p in points])
+    along = np.concatenate(
+        [normals(p) if s.normal is None else s.normal for s, p in zip(surfaces, points, strict=True)]
+    )
     flat = lambda field: np.concatenate([getattr(s, field) for s in surfaces])  # noqa: E731
     pairs = np.array(list(links), np.int32).reshape(-1, 2)
+    bone = np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3)
+    way = np.array([_way(skeleton, *held, bone[at]) for held, at in zip(lies, lean, strict=True)])
+    aside, along_bone = middle - skeleton.centers[pairs[lean, 1]], lambda v: np.sum(v * way, axis=1)
     return Program(
         center=skeleton.centers,
         link=pairs,
         axis=np.array(axes, np.float64).reshape(-1, 3),
-        bone=np.array([_bone(body, a, b) for a, b in pairs.tolist()], np.float64).reshape(-1, 3),
+        bone=bone,
         base=np.array(base, np.int32),
         row=np.array(row, np.int32),
         step=np.array(step, np.int32),
@@ -133,8 +148,27 @@ def program(body: Body, surfaces: Collection[Contours], *, paper: bool = False) 
         mitre_share=np.array(share, np.float64),
         bulge=np.where(np.repeat([s.muscle for s in surfaces], [len(s) for s in surfaces]) >= 0, flat("bulge"), 0.0),
         bulge_link=np.array(wide, np.int32),
+        recentre=flat("recentre"),
+        limb=np.array([a for a, _ in lies], np.int32),
+        way=way,
+        aside=aside - along_bone(aside)[:, None] * way,
+        seam=along_bone(middle[ends] - skeleton.centers[pairs[lean, 1]]),
         paper=paper,
     )
+
+
+def _next(skeleton: Skeleton, joint: int, end: Floats) -> int:
+    """The joint that the bone below `joint` ends in, the nearest to `end`; -1: none."""
+    below = np.flatnonzero(skeleton.parents == joint)
+    return int(below[np.argmin(np.linalg.norm(skeleton.centers[below] - end, axis=1))]) if len(below) else -1
+
+
+def _way(skeleton: Skeleton, start: int, end: int, usual: Floats) -> Floats:
+    """Unit direction of a bone from joint to joint, on the side of `usual`, which it is where it does not say."""
+    way = skeleton.centers[end] - skeleton.centers[start] if min(start, end) >= 0 else usual
+    length = float(np.linalg.norm(way))
+    way = way / length if length > 1e-9 else usual
+    return way if way @ usual > 0.1 else usual  # a bone bent by more than that at rest is another limb's
 
 
 def _bone(body: Body, near: int, far: int) -> Floats:
@@ -149,7 +183,7 @@ def _bone(body: Body, near: int, far: int) -> Floats:
     return unit(out) if np.linalg.norm(out) > 1e-9 else np.array([0.0, -1.0, 0.0])
 
 
-def _normals(points: Floats) -> Floats:
+def normals(points: Floats) -> Floats:
     """(C,3) unit normals of contours (C,P,3), by their vector areas."""
     around = points - points.mean(axis=1, keepdims=True)
     area = np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1)
@@ -208,6 +242,8 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
     place = lambda m: np.einsum("fcab,cb->fca", m[..., :3, :3], p.middle) + m[..., :3, 3]  # noqa: E731
     here = place(out)
     shift = p.diversion[:, None] * (place(matrices[:, p.frame]) - here)
+    if p.recentre.any():
+        shift = shift + _recentred(p, padded[:, p.limb], out, here + shift)
     bend = np.linalg.norm(split, axis=-1)
     u = np.cross(split[:, p.mitre_link], p.bone[p.mitre_link])
     size = np.linalg.norm(u, axis=-1, keepdims=True)
@@ -223,69 +259,24 @@ def twin(program: Program, matrices: Floats, *, follow: bool = True) -> Floats:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Slabs:
-    """Neighbouring contours of the same surface: `pair` (S,2) numbers of contours; `area` (C,3) vector areas at rest,
-    `free` (C,) how far a contour may change: nothing at seams."""
+def _recentred(p: Program, bone: Floats, motion: Floats, here: Floats) -> Floats:
+    """(F,C,3) how far centres, now `here` (F,C,3), go so that contours, which `motion` (F,C,4,4) turns, turn about their
+    places on the bone, which `bone` (F,C,4,4) moves, and stand off from it as far as at rest.
 
-    pair: Ints
-    area: Floats
-    free: Floats
-
-
-def slabs(body: Body, surfaces: Collection[Contours]) -> Slabs:
-    """What the volume survey needs. Halves of a torso are left alone: their areas are no sections."""
-    pairs, areas, free = [], [], []
-    first = 0
-    for surface in surfaces:
-        count = len(surface)
-        points = body.skin.rest[surface.vertices]
-        around = points - points.mean(axis=1, keepdims=True)
-        areas.append(np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1) / 2)
-        if surface.closed:
-            pairs.append(first + np.stack([np.arange(count - 1), np.arange(1, count)], axis=1))
-            inner = np.ones(count)
-            inner[[0, -1]] = 0
-            free.append(inner)
-        else:
-            free.append(np.zeros(count))
-        first += count
-    pair = np.concatenate(pairs).astype(np.int32) if pairs else np.zeros((0, 2), np.int32)
-    return Slabs(pair, np.concatenate(areas), np.concatenate(free))
-
-
-def surveyed(moved: Floats, p: Program, s: Slabs) -> Floats:
-    """Motions (F,C,4,4) of contours, each widened or narrowed in its plane so that the slabs keep their volume.
-
-    A slab between two contours holds about the mean of their vector areas times the way between their centres. Factors
-    stay within 0.7 and 1.4; seams keep theirs at one.
+    A centre's offset from the bone is carried along with the contour, laid across the bone, and given its length at rest;
+    then the centre slides along the bone into the contour's plane. So all agree at a seam, whichever bone they go by.
     """
-    if not len(s.pair):
-        return moved
-    rest = _volumes(s.area, p.middle, s.pair)
-    center = np.einsum("fcab,cb->fca", moved[..., :3, :3], p.middle) + moved[..., :3, 3]
-    area = np.einsum("fcab,cb->fca", moved[..., :3, :3], s.area)
-    now = _volumes(area, center, s.pair)
-    ratio = np.clip(rest / np.where(np.abs(now) > 1e-12, now, 1e-12), 0.49, 1.96)
-    total = np.zeros(moved.shape[:2])
-    count = np.zeros(len(p))
-    for side in (0, 1):
-        total[:, s.pair[:, side]] += ratio  # a contour is in one slab on each side at most
-        count[s.pair[:, side]] += 1
-    mean = np.where(count > 0, total / np.maximum(count, 1), 1.0)
-    factor = np.clip(np.sqrt(mean), 0.7, 1.4)
-    factor = 1 + s.free * (factor - 1)
-    along = p.along[:, :, None] * p.along[:, None, :]
-    shape = factor[..., None, None] * (np.eye(3) - along) + along
-    out = moved.copy()
-    out[..., :3, :3] = moved[..., :3, :3] @ shape
-    out[..., :3, 3] = center - np.einsum("fcab,cb->fca", out[..., :3, :3], p.middle)
-    return out
-
-
-def _volumes(area: Floats, center: Floats, pair: Ints) -> Floats:
-    way = center[..., pair[:, 1], :] - center[..., pair[:, 0], :]
-    return np.sum((area[..., pair[:, 0], :] + area[..., pair[:, 1], :]) / 2 * way, axis=-1)
+    back, dot = np.swapaxes(bone[..., :3, :3], -1, -2), lambda a, b: np.sum(a * b, axis=-1, keepdims=True)
+    turn = lambda r, v: np.einsum("fcab,fcb->fca", r, np.broadcast_to(v, here.shape))  # noqa: E731
+    against, plane = back @ motion[..., :3, :3], p.bone[p.mitre_link]
+    gone = turn(back, here - bone[..., :3, 3]) - p.middle
+    offset = turn(against, p.aside) - p.aside
+    offset = p.aside + (offset - dot(offset, p.way) * p.way)
+    size = dot(offset, offset)
+    offset *= np.sqrt(np.where(size > 1e-24, dot(p.aside, p.aside) / np.where(size > 1e-24, size, 1), 1.0))
+    normal, lag = turn(against, plane), p.seam[:, None] * (turn(against, p.way) - p.way)
+    slide = (dot(offset - lag, normal) - dot(p.aside, plane)) / np.maximum(dot(p.way, normal), 0.2)
+    return turn(bone[..., :3, :3], p.recentre[:, None] * (offset - p.aside - slide * p.way - gone))
 
 
 def _vector(q: Floats) -> Floats:
@@ -376,11 +367,9 @@ class ContourOperator:
         row = np.zeros(len(motion) + 1, np.int32)
         row[1:] = np.cumsum(motion >= 0)
         rows = Influences(row, motion[some].astype(np.int32), np.ones(len(some)), joints + len(self.program))
-        linear = Linear(rows, self.body.skin.rest, self.threads)
         left = None if self.spared is None else np.flatnonzero(~self.spared & (motion >= 0)).astype(np.int32)
         # One joint each: lanes would only cut contours into pieces.
-        linear.__dict__["buckets"] = plain_buckets(rows, self.body.skin.rest, left)
-        return linear
+        return Linear(rows, self.body.skin.rest, self.threads, layout=plain_buckets(rows, self.body.skin.rest, left))
 
     @cached_property
     def _single(self) -> NDArray[np.int64]:
@@ -446,7 +435,7 @@ class ContourOperator:
             matrices, stretches = factor(matrices, self.body.skeleton, used)
         both, joints = motions(self.program, matrices, follow=self.follow), matrices.shape[1]
         if self.survey:
-            both[:, joints:] = surveyed(both[:, joints:], self.program, self.slabs)
+            both[:, joints:] = surveyed(both[:, joints:], self.program.middle, self.program.along, self.slabs)
         if self.seen is not None:
             own, turns = self.seen
             matrices = matrices.copy()

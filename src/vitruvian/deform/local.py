@@ -224,6 +224,7 @@ def local_operators(deformer: Deformer) -> tuple[LocalOperator, ...]:
             "twist": surface.twist,
             "diversion": surface.diversion,
             "mitre": surface.mitre,
+            "recentre": surface.recentre,
         }
         bound(surface.name, domain[~taken[domain]], surface.joints.tolist(), parameters=shares)
     pivot = np.full(len(skin.rest), -1)

@@ -34,15 +34,19 @@ class Operator(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A = sum w M; what is missing to one in the weights stays at rest."""
+    """A = sum w M; what is missing to one in the weights stays at rest.
+
+    `layout`: how vertices are laid out for the kernel, if not as `linear_buckets` does; those in no bucket are left alone.
+    """
 
     rows: Influences
     rest: Floats
     threads: int = 0
+    layout: tuple[Bucket, ...] | None = None
 
     @cached_property
     def buckets(self) -> tuple[Bucket, ...]:
-        return linear_buckets(self.rows, self.rest)
+        return linear_buckets(self.rows, self.rest) if self.layout is None else self.layout
 
     @cached_property
     def laid(self) -> Laid:

@@ -29,6 +29,8 @@ function initialize() {
     base: plain(base), row: plain(row), step: plain(step), swing: plain(swing), twist: plain(twist),
     middle: plain(middle), along: plain(along), frame: plain(frame), diversion: plain(diversion), mitre: plain(mitre),
     mitreLink: plain(mitreLink), mitreShare: plain(mitreShare), bulge: plain(bulge), bulgeLink: plain(bulgeLink),
+    recentre: plain(recentre), limb: plain(limb), way: plain(way), aside: plain(aside),
+    seam: plain(seam),
     first: plain(first), each: plain(each), switched: plain(switched), needRow: plain(needRow), need: plain(need),
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
@@ -240,6 +242,10 @@ function contour(i) {
     here = apply(m, c); there = apply(M[p.frame[i]], c);
     for (r = 0; r < 3; ++r) shift[r] = p.diversion[i] * (there[r] - here[r]);
   }
+  if (p.recentre.length && p.recentre[i] !== 0) {
+    here = apply(m, c); there = recentred(i, m, [here[0] + shift[0], here[1] + shift[1], here[2] + shift[2]]);
+    for (r = 0; r < 3; ++r) shift[r] += there[r];
+  }
   if (p.mitre[i] !== 0) {
     k = links[p.mitreLink[i]];
     u = cross(k.swing, three(p.bone, p.mitreLink[i]));
@@ -254,6 +260,32 @@ function contour(i) {
   m = m.slice(0);
   for (r = 0; r < 3; ++r) m[4 * r + 3] += shift[r];
   return m;
+}
+
+// How far the centre of contour i, now `here`, goes so that the contour, which m turns, turns about its place on the bone
+// and stands off from it as far as at rest.
+function recentred(i, m, here) {
+  var p = place, c = three(p.middle, i), d = three(p.way, i), e = three(p.aside, i), n = three(p.bone, p.mitreLink[i]);
+  var f = p.limb[i] < 0 ? STILL : M[p.limb[i]], b = seen(f, m), gone = [], out = [], r, size, along, scale, slide, lag;
+  var offset = spun(b, e), normal = spun(b, n), change = [];
+  along = dot(offset, d); lag = spun(b, d);
+  for (r = 0; r < 3; ++r) {
+    gone.push(f[r] * (here[0] - f[3]) + f[4 + r] * (here[1] - f[7]) + f[8 + r] * (here[2] - f[11]) - c[r]);
+    offset[r] -= along * d[r]; lag[r] = p.seam[i] * (lag[r] - d[r]);
+  }
+  size = dot(offset, offset);
+  scale = size > 1e-24 ? Math.sqrt(dot(e, e) / size) : 1;
+  for (r = 0; r < 3; ++r) offset[r] *= scale;
+  slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / Math.max(dot(d, normal), 0.2);
+  for (r = 0; r < 3; ++r) change.push(p.recentre[i] * (offset[r] - e[r] - slide * d[r] - gone[r]));
+  for (r = 0; r < 3; ++r) out.push(f[4 * r] * change[0] + f[4 * r + 1] * change[1] + f[4 * r + 2] * change[2]);
+  return out;
+}
+
+// The vector v as m turns it.
+function spun(m, v) {
+  return [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[4] * v[0] + m[5] * v[1] + m[6] * v[2],
+    m[8] * v[0] + m[9] * v[1] + m[10] * v[2]];
 }
 
 // m after widening across d and stretching along u, about the point c.
@@ -272,10 +304,6 @@ function widened(m, c, d, widen, u, stretch) {
 function surveyed(all, first) {
   var p = place, total = [], count = [], i, k, a, b, pair, way, now, was, ratio, out = [], factor, sum, x, y;
   for (i = 0; i < all.length; ++i) { total.push(0); count.push(0); }
-  function turnedArea(m, v) {
-    return [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[4] * v[0] + m[5] * v[1] + m[6] * v[2],
-      m[8] * v[0] + m[9] * v[1] + m[10] * v[2]];
-  }
   function slab(one, two, from, to) {
     way = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
     return (dot(one, way) + dot(two, way)) / 2;
@@ -285,7 +313,7 @@ function surveyed(all, first) {
     if (a < 0 || b < 0 || a >= all.length || b >= all.length) continue;
     x = three(p.area, a + first); y = three(p.area, b + first);
     was = slab(x, y, three(p.middle, a + first), three(p.middle, b + first));
-    now = slab(turnedArea(all[a], x), turnedArea(all[b], y),
+    now = slab(spun(all[a], x), spun(all[b], y),
       apply(all[a], three(p.middle, a + first)), apply(all[b], three(p.middle, b + first)));
     ratio = Math.max(0.49, Math.min(1.96, was / (Math.abs(now) > SMALL ? now : SMALL)));
     total[a] += ratio; total[b] += ratio; ++count[a]; ++count[b];

@@ -88,6 +88,7 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
         ("MFFloat", "mitreShare", p.mitre_share),
         ("MFFloat", "bulge", p.bulge),
         ("MFInt32", "bulgeLink", p.bulge_link),
+        *_recentred(p, renumber),
         ("MFInt32", "pair", slab.pair.ravel()),
         ("MFFloat", "area", slab.area.ravel()),
         ("MFFloat", "free", slab.free),
@@ -109,6 +110,18 @@ def values(plan: Plan, normals: Floats) -> list[tuple[str, str, np.ndarray]]:
         ("MFInt32", "faces", np.concatenate(faces)),
         ("MFFloat", "points", np.concatenate([rest, soft.rest]).ravel()),
         ("MFFloat", "normals", np.concatenate([normals, soft.normals]).ravel()),
+    ]
+
+
+def _recentred(p: Program, renumber: Ints) -> list[tuple[str, str, np.ndarray]]:
+    """The fields of contours that keep to their bones: no numbers where none does, as in most bodies."""
+    some = slice(None) if p.recentre.any() else slice(0)
+    return [
+        ("MFFloat", "recentre", p.recentre[some]),
+        ("MFInt32", "limb", renumber[p.limb[some]]),
+        ("MFFloat", "way", p.way[some].ravel()),
+        ("MFFloat", "aside", p.aside[some].ravel()),
+        ("MFFloat", "seam", p.seam[some]),
     ]
 
 
@@ -165,7 +178,8 @@ def _needs(body: Body, p: Program, surfaces: list[Contours], seen: list[Contours
         for k in range(first, first + len(s)):
             steps = p.step[p.row[k] : p.row[k + 1]]
             links = [*steps.tolist(), p.mitre_link[k], p.bulge_link[k]]
-            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist()})
+            part = {int(p.limb[k])} if p.recentre[k] else set()
+            each.append({int(p.base[k]), int(p.frame[k]), *p.link[links].ravel().tolist(), *part})
         first += len(s)
         out.append(_between(body, set.union(*each[first - len(s) :])))
     del out[len(surfaces) :]

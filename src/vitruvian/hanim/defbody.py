@@ -1,9 +1,10 @@
 """DefBody and DefBodyTex: contour surfaces as prototype instances, read and written.
 
 Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would collapse the map), and there are texture
-coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `diversion`,
-`mitre`, `spread`, and `bands`: the contours from which on faces show a cloth of another name and shininess. Points are
-in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's centre.
+coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `ramp`, `diversion`,
+`mitre`, `recentre`, `spread`, `bulge`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name
+and shininess. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's
+centre.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField
-from vitruvian.hanim.humanoid import Array, ContourSurface, Joint, Material
+from vitruvian.hanim.humanoid import RAMPS, Array, ContourSurface, Joint, Material
 from vitruvian.hanim.reading import Reading
 
 TYPES = ("DefBody", "DefBodyTex")
@@ -36,9 +37,13 @@ _INTERFACE = (
     ("inputOutput", "SFInt32", "FixedUpperDef", "0"),
     ("inputOutput", "SFInt32", "UpperDef", "0"),
     ("inputOutput", "SFInt32", "LowerDef", "0"),
+    ("inputOutput", "SFString", "ramp", '"linear"'),
     ("inputOutput", "SFFloat", "diversion", "0"),
     ("inputOutput", "SFFloat", "mitre", "0"),
+    ("inputOutput", "SFBool", "recentre", "FALSE"),
     ("inputOutput", "SFBool", "spread", "FALSE"),
+    ("inputOutput", "SFFloat", "bulge", "0"),
+    ("initializeOnly", "SFFloat", "tilt", "0"),
     ("inputOutput", "SFBool", "closed", "TRUE"),
 )
 _PICTURE = (
@@ -109,9 +114,13 @@ def defbody_node(surface: ContourSurface, center: Array, name: str, textured: bo
         "FixedUpperDef": surface.fixed_upper,
         "UpperDef": surface.upper,
         "LowerDef": surface.lower,
+        "ramp": surface.ramp,
         "diversion": float(surface.diversion),
         "mitre": float(surface.mitre),
+        "recentre": surface.recentre,
         "spread": surface.spread,
+        "bulge": float(surface.bulge),
+        "tilt": float(surface.tilt),
         "closed": surface.closed,
     }
     bands = surface.bands or (((0, look),) if look.name not in ("", surface.name) else ())
@@ -159,6 +168,10 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
         if not 0 <= whole[field] <= count:
             reading.broken(f"{who} {field}: expected 0 to {count}, the number of contours, found {whole[field]}", node)
             whole[field] = min(max(whole[field], 0), count)
+    ramp = reading.text(node, "ramp") or RAMPS[0]
+    if ramp not in RAMPS:
+        reading.broken(f"{who} ramp: expected {' or '.join(RAMPS)}, found {ramp!r}", node)
+        ramp = RAMPS[0]
     place = reading.vector(node, "translation", (0.0, 0.0, 0.0))
     if np.abs(place - joint.center).max() > _FRAME:
         here, there = (" ".join(f"{v:g}" for v in p) for p in (place, joint.center))
@@ -178,8 +191,9 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
         points=(points + place).reshape(count, each, 3),
         closed=_flag(reading, node, "closed", _closed(reading, node, count, each)),
         fixed_upper=whole["FixedUpperDef"], upper=whole["UpperDef"], lower=whole["LowerDef"],
-        extra=whole["ExtrContour"], diversion=value("diversion"), mitre=value("mitre"),
-        spread=_flag(reading, node, "spread", False),
+        extra=whole["ExtrContour"], ramp=ramp, diversion=value("diversion"), mitre=value("mitre"),
+        recentre=_flag(reading, node, "recentre", False), spread=_flag(reading, node, "spread", False),
+        bulge=value("bulge"), tilt=value("tilt"),
         uv=texture.reshape(count, each, 2) if len(texture) and fits(texture) else None,
         colors=colors.reshape(count, each, 3) if len(colors) and fits(colors) else None,
         material=bands[0][1] if len(bands) == 1 else look, bands=bands if len(bands) > 1 else (), node=node,

@@ -126,6 +126,9 @@ class Shape:
     faces: NDArray[np.int32] | None = None
 
 
+RAMPS = ("linear", "smoothstep")  # of the shares of a joint's rotation over contours
+
+
 @dataclass(slots=True, eq=False)
 class ContourSurface:
     """A surface of a Segment organised in contours (DefBody): each contour turns as one piece.
@@ -133,10 +136,13 @@ class ContourSurface:
     `points` (C,P,3) at rest in humanoid space, from top to bottom, each contour counter-clockwise seen from the top;
     `closed` False: contours are open, as in the front and back of a torso. `uv` (C,P,2), `colors` (C,P,3) sRGB, or None.
     The first `fixed_upper` contours stay with the parent; over the next `upper` the rotation of the surface's own joint
-    is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it.
-    `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `spread`: the part of the
-    rotation about the limb is spread over the whole surface. `bands`: from each of these contours on, faces look like
-    that material instead.
+    is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it. `ramp`: how
+    the share grows over the contours of a limb, "linear" or "smoothstep".
+    `diversion` 0..1 takes back how far contours swing aside; `mitre` 0..1 keeps bends thick; `recentre`: contours keep
+    their distances from the bone; `spread`: the part of the rotation about the limb is spread over the whole surface.
+    `bulge` 0..1: how much wider its middle gets, as by a muscle, where the next joint is fully bent.
+    `tilt` 0..1 says how far its contours, as they are, fan about the axis of the knee or elbow. `bands`: from each of
+    these contours on, faces look like that material instead.
     """
 
     name: str
@@ -146,9 +152,13 @@ class ContourSurface:
     upper: int = 0
     lower: int = 0
     extra: int = 0
+    ramp: str = "linear"
     diversion: float = 0.0
     mitre: float = 0.0
+    recentre: bool = False
     spread: bool = False
+    bulge: float = 0.0
+    tilt: float = 0.0
     uv: Array | None = None
     colors: Array | None = None
     material: Material = field(default_factory=Material)

@@ -1,9 +1,9 @@
 """Any body as a contour body: limbs, torso and neck in contours; hands, feet, head, shoulders and hips sewn to them.
 
-Contours lie in planes that turn from the bisector of one joint to that of the next, so that a bent knee has them evenly
-spaced; their points are where rays from the bone meet the outermost surface. The torso is a front and a back. What is
-not in contours keeps its triangles, cut along the planes and sewn to the contours' own points: nothing can open. It moves
-by its own weights, which become the contours' towards them.
+Contours lie in planes that turn from the bisector of one joint to that of the next; on request they fan about knees and
+elbows, so that they are evenly apart when bent (`fans`). Their points are where rays from the bone meet the outermost
+surface. The torso is a front and a back. What is not in contours keeps its triangles, cut along the planes and sewn to the
+contours' own points: nothing can open. It moves by its own weights, which become the contours' towards them.
 
 Source: cross-section deformation of H-Anim bodies (pre-oriented contours, torso in two halves, ExtrContour).
 """
@@ -22,8 +22,9 @@ from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
-from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
+from vitruvian.hanim.humanoid import RAMPS, ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
+from vitruvian.modeling.fans import Fan, fan, tilts
 from vitruvian.modeling.hems import Hemmed, clear, hemmed
 from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
@@ -46,20 +47,44 @@ class ContourBody:
     scale: float = 1.0
 
 
-def contours(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> Humanoid:
+def contours(
+    humanoid: Humanoid,
+    *,
+    density: float = 1.0,
+    mitre: float = 0.25,
+    diversion: float = 0.0,
+    recentre: bool = False,
+    ramp: str = "linear",
+    tilt: float | Mapping[str, float] | None = None,
+) -> Humanoid:
     """The contour form of a humanoid: see `contoured`."""
-    return contoured(humanoid, density=density, mitre=mitre, diversion=diversion).humanoid
+    return contoured(humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, tilt=tilt).humanoid
 
 
-def contoured(humanoid: Humanoid, *, density: float = 1.0, mitre: float = 0.25, diversion: float = 0.0) -> ContourBody:
+def contoured(
+    humanoid: Humanoid,
+    *,
+    density: float = 1.0,
+    mitre: float = 0.25,
+    diversion: float = 0.0,
+    recentre: bool = False,
+    ramp: str = "linear",
+    tilt: float | Mapping[str, float] | None = None,
+) -> ContourBody:
     """A humanoid with hips, knees, ankles, shoulders, elbows and wrists as a contour body.
 
-    `density` scales the number of contours and of points in each. `mitre` and `diversion`, 0..1, for all limbs.
+    `density` scales the number of contours and of points in each. `mitre` and `diversion`, 0..1, `recentre` and `ramp`
+    ("linear", "smoothstep"), for all limbs: see `ContourSurface`. `tilt`, 0..1, of all limbs or by the names of surfaces:
+    how far contours fan at rest about the axis of knee or elbow, see `modeling.fans`; None: as in the contour surfaces
+    that the humanoid has, else not.
     Raises VitruvianError naming the joints that are missing, and for a surface that the slices do not meet.
     """
     body = pack(humanoid)
     cuts = Cuts(body)
-    made = _limbs(cuts, density, mitre, diversion)
+    made = _limbs(cuts, density, tilts(humanoid, tilt, list(TILTED)))
+    for m in made:
+        for field, value in (("diversion", diversion), ("mitre", mitre), ("recentre", recentre), ("ramp", ramp)):
+            _set(m.surface, field, value)
     for part in (_torso, _neck):
         try:
             made += part(cuts, density)
@@ -93,6 +118,9 @@ LIMBS = (
 )
 
 
+TILTED = tuple(f"{side}_{spec.name}_def" for side in "lr" for spec in LIMBS)
+
+
 @dataclass(frozen=True, eq=False)
 class Made:
     """A surface, the joint it hangs on, and where it was sliced: `rings`, planes and directions.
@@ -111,12 +139,12 @@ class Made:
     bands: tuple[tuple[int, int], ...] = ()
 
 
-def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[Made]:
+def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
     out: list[Made] = []
     for number, side in enumerate("lr"):
         for spec in LIMBS:
             try:
-                made = _limb(cuts, side, number, spec, density, mitre, diversion)
+                made = _limb(cuts, side, number, spec, density, tilt[f"{side}_{spec.name}_def"])
             except VitruvianError as error:
                 _passed(cuts, error)
                 continue
@@ -131,7 +159,7 @@ def _limbs(cuts: Cuts, density: float, mitre: float, diversion: float) -> list[M
     return out
 
 
-def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre: float, diversion: float) -> Made:
+def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: float) -> Made:
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
     fixed = FIXED if top and cuts.segmented else 0
@@ -144,6 +172,7 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
     def planes(s: Floats) -> tuple[Floats, Floats]:
         t = np.clip(s, 0, 1)[:, None]
         normal = (1 - t) ** 2 * first + 2 * t * (1 - t) * axis + t**2 * last
+        normal = fanned.turned(normal, np.clip(s, 0, 1)) if fanned else normal
         return start + s[:, None] * length * axis, normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
     def sliced(s: Floats) -> Rings:
@@ -152,12 +181,18 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
             angles=angles, name=f"{side}_{spec.name}", loose=cuts.segmented,
         )  # fmt: skip
 
+    fanned: Fan | None = None
     axis, length = unit(end - start), float(np.linalg.norm(end - start))
     share = clear(sliced, cuts.part, _CUFF * cuts.scale / length) if spec.shod and not cuts.segmented else 1.0
     if share < 1:
         end, last, length = start + share * (end - start), axis, share * length
         cuts.planes[far] = (end, last)
     found = Hemmed(s, sliced(s))
+    if tilt:
+        fanned = fan(
+            spec.near, spec.far, axis, FRONT, reach=BEND * found.rings.radius / length, tilt=tilt, places=s[fixed:]
+        )
+        found = Hemmed(s, sliced(s))
     if not cuts.segmented:
         found = hemmed(sliced, s, found.rings, cuts.skin.rest, cuts.skin.triangles, cuts.part, length, cuts.scale)
     s, made, bands, count = found.s, found.rings, found.bands, len(found.s)
@@ -171,8 +206,7 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, mitre:
     whole = top and not fixed and _share(cuts, near, made) >= _WHOLE
     surface = ContourSurface(
         f"{side}_{spec.name}_def", made.points, fixed_upper=fixed, upper=0 if whole else upper + fixed, lower=lower,
-        extra=count if whole else 0, diversion=diversion, mitre=mitre, spread=True, colors=cuts.colored(made),
-        uv=cuts.mapped(made),
+        extra=count if whole else 0, spread=True, tilt=tilt, colors=cuts.colored(made), uv=cuts.mapped(made),
     )  # fmt: skip
     for under, edge in found.shaded:
         if surface.colors is not None:
@@ -388,30 +422,45 @@ def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:
     return replace(found, name=part.name, double_sided=True, node=None)
 
 
-def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float]]) -> Humanoid:
+def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float | str]]) -> Humanoid:
     """The same contour body with other parameters: {surface: {parameter: value}}, of `fixed_upper`, `upper`, `lower`,
-    `extra` (whole numbers: contours; others: lengths in metres along the surface), `diversion` and `mitre` (0..1).
+    `extra` (whole numbers: contours; others: lengths in metres along the surface), `bulge`, `diversion` and `mitre` (0..1),
+    `recentre` (0 or 1), and `ramp`. `tilt` is none of them: it says where contours are, so `contours` takes it.
 
     The surfaces of `humanoid` itself are changed. Raises VitruvianError for surfaces and parameters it does not have.
     """
     surfaces = {c.name: c for s in humanoid.segments() for c in s.contours}
-    counted = {"fixed_upper", "upper", "lower", "extra"}
     for name, values in changes.items():
         require(name in surfaces, "surface", f"one of {', '.join(surfaces) or 'none'}", repr(name))
-        surface = surfaces[name]
         for field, value in values.items():
-            known = counted | {"diversion", "mitre"}
-            require(field in known, f"{name} parameter", f"one of {', '.join(sorted(known))}", repr(field))
-            if field in counted:
-                whole = isinstance(value, int | np.integer)
-                number = int(value) if whole else zone_counts(surface.points, **{field: float(value)})[field]
-                most = len(surface.points)
-                require(0 <= number <= most, f"{name} {field}", f"0 to {most} contours", number)
-                setattr(surface, field, number)
-            else:
-                require(0 <= value <= 1, f"{name} {field}", "0 to 1", value)
-                setattr(surface, field, float(value))
+            _set(surfaces[name], field, value)
     return humanoid
+
+
+_COUNTED = ("extra", "fixed_upper", "lower", "upper")
+_PARAMETERS = sorted((*_COUNTED, "bulge", "diversion", "mitre", "ramp", "recentre"))
+
+
+def _set(surface: ContourSurface, field: str, value: float | str) -> None:
+    title = f"{surface.name} {field}"
+    require(field in _PARAMETERS, f"{surface.name} parameter", f"one of {', '.join(_PARAMETERS)}", repr(field))
+    if field == "ramp":
+        require(value in RAMPS, title, " or ".join(RAMPS), repr(value))
+        surface.ramp = str(value)
+        return
+    require(not isinstance(value, str), title, "a number", repr(value))
+    if field in _COUNTED:
+        whole = isinstance(value, int | np.integer)
+        number = int(value) if whole else zone_counts(surface.points, **{field: float(value)})[field]
+        most = len(surface.points)
+        require(0 <= number <= most, title, f"0 to {most} contours", number)
+        setattr(surface, field, number)
+    elif field == "recentre":
+        require(value in (0, 1), title, "0 or 1", value)
+        surface.recentre = bool(value)
+    else:
+        require(0 <= float(value) <= 1, title, "0 to 1", value)
+        setattr(surface, field, float(value))
 
 
 def _error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
+from vitruvian.deform.contours import normals
 
 
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:
@@ -77,7 +78,8 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
         replace(
             s, vertices=place[s.vertices[np.ix_(rows, columns)]].astype(np.int32), swing=s.swing[rows],
             twist=s.twist[rows], diversion=s.diversion[rows], mitre=s.mitre[rows], bulge=s.bulge[rows],
-            middle=_middles(body, s)[rows],
+            recentre=s.recentre[rows], middle=_middles(body, s)[rows],
+            normal=_normals(body, s)[rows],
             tied=np.stack([place[s.tied[:, 0]], np.searchsorted(rows, s.tied[:, 1])], axis=1).astype(np.int32),
         )
         for s, rows, columns in grids
@@ -106,6 +108,10 @@ def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
 
 def _middles(body: Body, surface: Contours) -> Floats:
     return surface.middle if surface.middle is not None else body.skin.rest[surface.vertices].mean(axis=1)
+
+
+def _normals(body: Body, surface: Contours) -> Floats:
+    return surface.normal if surface.normal is not None else normals(body.skin.rest[surface.vertices])
 
 
 def _rows(surface: Contours, step: int, edges: list[int]) -> NDArray[np.int64]:

@@ -17,14 +17,15 @@ from vitruvian.deform.hand_terms import hand_program
 from vitruvian.show.wire import Block
 
 _CONTOUR = (
-    "link axis bone base row step swing twist middle along frame diversion mitre mitre_link mitre_share bulge bulge_link"
+    "link axis bone base row step swing twist middle along frame diversion mitre mitre_link mitre_share bulge bulge_link "
+    "recentre limb way aside seam"
 ).split()
 _HAND = (
     "hand.start hand.end hand.axis_near hand.axis_far hand.vertices normal_near normal_far vertex gap_vertex "
     "assignment.share assignment.gap_share"
 ).split()
 _ROUNDING = ("joint", "near", "far", "muscle", "belly", "arc")
-_NEXT = ("base",)  # fields in which -1 means none
+_NEXT = ("base", "limb")  # fields in which -1 means none
 
 
 def program_blocks(body: Body, actor: str) -> list[Block]:

@@ -6,7 +6,7 @@ import { blend, linear, once, rigid, subset } from "./deform.js";
 
 const LIMIT = 1.5; // how much a mitre may widen
 const ROUND = 0.3; // of "log" in what skins vertices outside the contours, the rest is "linear"
-const FIELDS = ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link"];
+const FIELDS = ["link", "axis", "bone", "base", "row", "step", "swing", "twist", "middle", "along", "frame", "diversion", "mitre", "mitre_link", "mitre_share", "bulge", "bulge_link", "recentre", "limb", "way", "aside", "seam"];
 
 /** The program out of a mesh message's blocks, or null. `owner` (V): one more than the contour of a vertex, 0: none.
  * `seen`: another program, whose contours are how vertices outside see the joints `seen.joint` turned; or null. */
@@ -113,6 +113,7 @@ function motions(p, R, centers) {
       append(A, local, t);
     }
     const m = p.middle.subarray(3 * c, 3 * c + 3), here = put(A, 0, m), before = put(R, 12 * p.frame[c], m);
+    const aside = before.map((x, r) => p.diversion[c] * (x - here[r])), more = p.recentre[c] ? recentred(p, c, R, A, here.map((x, r) => x + aside[r])) : [0, 0, 0];
     const bend = (l) => Math.hypot(...state[l].split), lean = p.mitre_link[c], own = state[lean];
     const bone = p.bone.subarray(3 * lean, 3 * lean + 3), u = cross(own.split, bone), size = Math.hypot(...u);
     const stretch = p.mitre[c] * (Math.min(1 / Math.cos(Math.min(p.mitre_share[c] * bend(lean), 1.5)), LIMIT) - 1);
@@ -123,9 +124,23 @@ function motions(p, R, centers) {
     }
     append(A, shape, [0, 0, 0]);
     const now = put(A, 0, m);
-    for (let r = 0; r < 3; r++) A[4 * r + 3] += here[r] - now[r] + p.diversion[c] * (before[r] - here[r]);
+    for (let r = 0; r < 3; r++) A[4 * r + 3] += here[r] - now[r] + aside[r] + more[r];
     p.motion.set(A, 12 * c);
   }
+}
+
+/** How far the centre of contour c, now `here`, goes so that the contour, which A turns, turns about its place on the bone and stands off from it as far as at rest. */
+function recentred(p, c, R, A, here) {
+  const of = (name) => p[name].subarray(3 * c, 3 * c + 3), rest = of("middle"), d = of("way"), e = of("aside"), b = 12 * (p.limb[c] - 1);
+  const l = 3 * p.mitre_link[c], n = p.bone.subarray(l, l + 3), get = (r, k) => (b < 0 ? (r === k ? 1 : 0) : R[b + 4 * r + k]);
+  const back = (v) => [0, 1, 2].map((i) => get(0, i) * v[0] + get(1, i) * v[1] + get(2, i) * v[2]);
+  const turn = (v) => back([0, 4, 8].map((r) => A[r] * v[0] + A[r + 1] * v[1] + A[r + 2] * v[2]));
+  const gone = back(here.map((x, r) => x - (b < 0 ? 0 : R[b + 4 * r + 3]))).map((x, i) => x - rest[i]), carried = turn(e), s = dot(carried, d);
+  const across = carried.map((x, i) => x - s * d[i]), size = dot(across, across), scale = size > 1e-24 ? Math.sqrt(dot(e, e) / size) : 1;
+  const offset = across.map((x) => scale * x), normal = turn(n), lag = turn(d).map((x, i) => p.seam[c] * (x - d[i]));
+  const slide = (dot(offset, normal) - dot(e, n) - dot(lag, normal)) / Math.max(dot(d, normal), 0.2);
+  const v = offset.map((x, i) => p.recentre[c] * (x - e[i] - slide * d[i] - gone[i]));
+  return [0, 1, 2].map((r) => get(r, 0) * v[0] + get(r, 1) * v[1] + get(r, 2) * v[2]);
 }
 
 /** How the two joints of a link are turned against each other. */
@@ -177,6 +192,7 @@ function matrix([x, y, z, w]) {
   ];
 }
 
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const put = (A, m, p) => [0, 4, 8].map((r) => A[m + r] * p[0] + A[m + r + 1] * p[1] + A[m + r + 2] * p[2] + A[m + r + 3]);
 
