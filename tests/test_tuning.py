@@ -69,6 +69,12 @@ def test_sliders_of_a_recording_are_the_packages_parameters(browser, clip, tmp_p
                 wanted = d.tuned({"l_metacarpophalangeal_2": Rounding(**{name: value})})(m)
                 assert np.abs(positions(page) - wanted).max() < 1e-5, (name, value)
             page.get_by_test_id(f"hands-reset-{name}").click()
+        chosen(page, side="l", finger="ring", place="palm")
+        slide(page, "hands-palm", 1)
+        assert page.evaluate("vitruvian.hands.words")["l_carpometacarpal_4"].split()[-2:] == ["palm", "1"]
+        wanted = d.tuned({"l_carpometacarpal_4": Rounding(palm=1)})(m)
+        assert np.abs(positions(page) - wanted).max() < 1e-5 and np.abs(wanted - d(m)).max() > 1e-4
+        page.get_by_test_id("hands-reset-palm").click()
         chosen(page, side="", finger="index", place="")
         slide(page, "hands-tilt", 30)  # whole bones of both hands
         words = page.evaluate("vitruvian.hands.words")
