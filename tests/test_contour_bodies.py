@@ -45,7 +45,7 @@ def test_the_person_is_one_closed_surface(made, body):
 
 def test_no_hard_pose_opens_a_seam_by_a_bit(made):
     found = {t.pose: t for t in trials(made.humanoid)}
-    assert len(found) == 10
+    assert len(found) == 13
     assert all(t.gap == 0 for t in found.values())
     assert all(0.95 < t.volume < 1.02 for t in found.values())
     assert all(t.stretch < 7 for t in found.values())

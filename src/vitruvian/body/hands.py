@@ -17,8 +17,14 @@ from vitruvian.hanim.humanoid import Humanoid
 
 # What each parameter of a link is called, from which number to which it goes; the flexion axis is the fifth of the source.
 RANGES = {
-    "joint": (0, 1), "near": (0, 0.5), "far": (0, 0.5), "muscle": (0, 1), "belly": (0.2, 0.8), "arc": (0, 1), "palm": (0, 1),
-}  # fmt: skip
+    "joint": (0, 1),
+    "near": (0, 0.5),
+    "far": (0, 0.5),
+    "muscle": (0, 1),
+    "belly": (0.2, 0.8),
+    "arc": (0, 1),
+    "palm": (0, 1),
+}
 
 STORED = "rounding:"  # of the keys in Humanoid.info, before the name of a joint or finger
 

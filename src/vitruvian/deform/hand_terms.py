@@ -396,7 +396,7 @@ def _swell(hand: Hand, link: Ints, along: Floats, outside: NDArray[np.bool_]) ->
     bump = lambda u: np.where(np.abs(u) < 1, np.cos(np.pi * np.clip(u, -1, 1) / 2) ** 2, 0.0)  # noqa: E731
     near, far = np.maximum(get("near"), 1e-9), np.maximum(get("far"), 1e-9)
     power = np.log(0.5) / np.log(get("belly"))
-    metacarpal = (hand.beside >= 0).any(axis=1)[link]
+    metacarpal = (hand.beside[link] >= 0).any(axis=1)
     muscle = get("muscle") * np.where(metacarpal, get("palm"), 1.0) * np.sin(np.pi * np.clip(along, 0, 1) ** power) ** 2
     return np.stack([
         np.where(outside, get("joint") * bump(along / near), 0.0),
