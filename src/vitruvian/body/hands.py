@@ -94,6 +94,22 @@ def store_roundings(humanoid: Humanoid, roundings: Mapping[str, Rounding]) -> No
     humanoid.info = kept | {f"{STORED}{name}": r.words for name, r in roundings.items()}
 
 
+def roundings_of(document: object) -> dict[str, Rounding]:
+    """Parameters by joint or finger out of JSON as pages of hands save it: {"l_metacarpophalangeal_2": "joint 0.8"}.
+
+    Raises VitruvianError naming the entry that is not such words.
+    """
+    require(isinstance(document, dict), "hands", '{"joint or finger": "joint 0.8 muscle 0.5"}', repr(document)[:60])
+    out = {}
+    for name, words in document.items():  # type: ignore[attr-defined]
+        require(isinstance(words, str), f"hands: {name[:60]}", "words such as 'joint 0.8'", repr(words)[:60])
+        try:
+            out[name] = Rounding.read(words)
+        except VitruvianError as e:
+            raise VitruvianError(f"hands: {name[:60]}: {e}") from None
+    return out
+
+
 def stored_roundings(humanoid: Humanoid) -> dict[str, Rounding]:
     """What `store_roundings` kept; entries that cannot be read are left out with a warning."""
     out = {}

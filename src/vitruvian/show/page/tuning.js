@@ -1,7 +1,7 @@
 // The panel of the hands' parameters: which joints, a slider for each parameter, and what is behind them.
 
 import * as THREE from "three";
-import { el } from "./controls.js";
+import { download, el } from "./controls.js";
 import { TILT, tune } from "./hands.js";
 
 const $ = (id) => document.getElementById(id);
@@ -28,7 +28,7 @@ const ROWS = [
 /** A state is {rounding (L*7), tilt (L) in radians, plain}; `given` is that of the file. */
 export class Tuning {
   constructor(page) {
-    Object.assign(this, { page, panel: $("hands-panel"), second: $("hands-second"), reset: $("reset-hands"), view: $("look-hand") });
+    Object.assign(this, { page, panel: $("hands-panel"), second: $("hands-second"), reset: $("reset-hands"), save: $("save-hands"), view: $("look-hand") });
     Object.assign(this, { chosen: { side: "", finger: "", place: "" }, seen: 0 });
     const choosers = el("div", "choosers");
     this.selects = Object.fromEntries(Object.entries(CHOICES).map(([name, options]) => {
@@ -49,6 +49,7 @@ export class Tuning {
     this.second.onchange = () => this.change({ ...this.state, plain: !this.second.checked });
     this.reset.onclick = () => this.change(this.given);
     this.view.onclick = () => this.look();
+    this.save.onclick = () => this.write();
   }
 
   row([name, index, label, low, high, tip]) {
@@ -149,10 +150,16 @@ export class Tuning {
     return out;
   }
 
+  /** What `--hands` of vitruvian convert and contours reads: these parameters of all links that are not as in the file. */
+  write() {
+    const words = JSON.stringify(this.words(), null, 1);
+    download(new Blob([words], { type: "application/json" }), `${this.page.fileName()}-hands.json`);
+  }
+
   update(force = false) {
     const shown = Boolean(this.given) && this.figure.deformer === "hand";
     this.panel.hidden = this.second.disabled = this.view.disabled = !shown;
-    if (!shown) this.reset.disabled = true;
+    if (!shown) this.reset.disabled = this.save.disabled = true;
     if (!shown || (!force && !this.panel.open)) return;
     const some = this.some, { rounding, tilt, plain } = this.state;
     const odd = some.length === 0, joints = new Set(some.map((l) => l.joint)).size;
@@ -170,7 +177,8 @@ export class Tuning {
       undo.disabled = now.every((x, i) => x === given[i]);
     }
     this.second.checked = !plain;
-    this.reset.disabled = !plain && !Object.keys(this.words()).length;
+    this.save.disabled = !Object.keys(this.words()).length;
+    this.reset.disabled = !plain && this.save.disabled;
   }
 }
 
