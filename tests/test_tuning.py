@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 
 import vitruvian as vt
 from pages import opened, pause, positions, slide, wait
-from vitruvian.body.hands import Rounding
+from test_cli import answer, fails
+from vitruvian.body.hands import Rounding, roundings_of, store_roundings, stored_roundings
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Skin, Weights
+from vitruvian.cli.files import with_hands
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.errors import VitruvianError
@@ -69,6 +72,12 @@ def test_sliders_of_a_recording_are_the_packages_parameters(browser, clip, tmp_p
                 wanted = d.tuned({"l_metacarpophalangeal_2": Rounding(**{name: value})})(m)
                 assert np.abs(positions(page) - wanted).max() < 1e-5, (name, value)
             page.get_by_test_id(f"hands-reset-{name}").click()
+        chosen(page, side="l", finger="ring", place="palm")
+        slide(page, "hands-palm", 1)
+        assert page.evaluate("vitruvian.hands.words")["l_carpometacarpal_4"].split()[-2:] == ["palm", "1"]
+        wanted = d.tuned({"l_carpometacarpal_4": Rounding(palm=1)})(m)
+        assert np.abs(positions(page) - wanted).max() < 1e-5 and np.abs(wanted - d(m)).max() > 1e-4
+        page.get_by_test_id("hands-reset-palm").click()
         chosen(page, side="", finger="index", place="")
         slide(page, "hands-tilt", 30)  # whole bones of both hands
         words = page.evaluate("vitruvian.hands.words")
@@ -106,7 +115,7 @@ def test_the_panel_is_driven_by_keys_and_readable_in_both_themes(browser, clip, 
         assert {"hands-side", "hands-finger", "hands-place", *(f"hands-{n}" for n in SLIDERS), "hands-tilt"} <= set(
             reached
         )
-        assert {"hands-second", "look-hand", "reset-hands"} <= set(reached)
+        assert {"hands-second", "look-hand", "reset-hands", "save-hands"} <= set(reached)
         words = page.evaluate("vitruvian.hands.words")
         assert len(words) == 38 and all(w.startswith("joint 0.51 ") for w in words.values())
         page.keyboard.press("y")
@@ -125,6 +134,80 @@ def test_the_panel_is_driven_by_keys_and_readable_in_both_themes(browser, clip, 
             ".map(e => e.outerHTML)"
         )
         assert not page.evaluate(wide)
+
+
+def saved(page, path):
+    with page.expect_download() as download:
+        page.get_by_test_id("save-hands").click()
+    assert download.value.suggested_filename.endswith("-hands.json")
+    download.value.save_as(path)
+    return roundings_of(json.loads(path.read_text()))
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_what_the_panel_saves_is_read_back(browser, clip, tmp_path, live):
+    """From a recording and from a live page: the same points come out of the file."""
+    m, d = matrices(clip), deformer("hand", clip.body)
+
+    def tune(page):
+        page.keyboard.press("h")
+        assert page.get_by_test_id("save-hands").is_disabled()
+        chosen(page, side="l", finger="ring", place="")
+        slide(page, "hands-joint", 0.9)
+        slide(page, "hands-palm", 0.75)
+        chosen(page, side="r", finger="index", place="knuckle")
+        slide(page, "hands-tilt", 20)
+        given = saved(page, tmp_path / "hands.json")
+        assert len(given) == 5 and given["l_carpometacarpal_4"].palm == 0.75
+        assert np.abs(positions(page) - d.tuned(given)(m)).max() < 5e-5
+        chosen(page, side="", finger="", place="")
+        page.keyboard.press("8")
+        assert page.get_by_test_id("save-hands").is_disabled()
+        return given
+
+    if live:
+        server = Server(Showing(actors_of([clip])))
+        with Window(server, serve(server)), opened(browser, server.url) as page:
+            given = tune(page)
+    else:
+        record(clip, tmp_path / "clip.html")
+        with opened(browser, (tmp_path / "clip.html").as_uri()) as page:
+            given = tune(page)
+    assert np.abs(d.tuned(given)(m) - d(m)).max() > 1e-3
+
+
+def test_commands_put_saved_hands_into_bodies(clip, tmp_path):
+    """convert and contours: what the file says is in the body, beside what that has of other joints."""
+    kept = dict(clip.humanoid.info)
+    try:
+        store_roundings(clip.humanoid, {"thumb": Rounding(joint=0.1), "l_index": Rounding(joint=0.2)})
+        vt.save(clip.humanoid, tmp_path / "person.x3d")
+    finally:
+        clip.humanoid.info = kept
+    given = {"l_index": Rounding(joint=0.8, palm=0.5), "l_carpometacarpal_4": Rounding(axis=(0, 0.6, -0.8))}
+    (tmp_path / "hands.json").write_text(json.dumps({name: r.words for name, r in given.items()}))
+    wanted = given | {"thumb": Rounding(joint=0.1)}
+    for command in (["convert", tmp_path / "person.x3d"], ["contours", tmp_path / "person.x3d", "-o"]):
+        target = tmp_path / f"{command[0]}.wrl"
+        answer(*command, target, "--hands", tmp_path / "hands.json")
+        found = vt.load(target)
+        assert stored_roundings(found) == wanted
+        assert vt.pack(found).roundings == wanted
+    for text, told in (
+        ('{"l_elbow": "joint 1"}', "expected joints or rays of a hand, found l_elbow"),
+        ('{"index": "joint 7"}', "hands: index: rounding joint: expected 0 to 1, found 7.0"),
+        ('{"index": 0.5}', "hands: index: expected words such as 'joint 0.8', found 0.5"),
+        ("[]", 'hands: expected {"joint or finger"'),
+        ("joint", "expected JSON that the page's Hands panel saved"),
+    ):
+        (tmp_path / "wrong.json").write_text(text)
+        with pytest.raises(VitruvianError, match="wrong.json: ") as refused:
+            with_hands(clip.humanoid, tmp_path / "wrong.json")
+        assert told in str(refused.value)
+    with pytest.raises(VitruvianError, match="--hands: expected an H-Anim body, found a motion"):
+        with_hands(clip.motion, tmp_path / "hands.json")
+    assert stored_roundings(clip.humanoid) == {}
+    assert "none.json" in fails("convert", tmp_path / "person.x3d", tmp_path / "out.x3d", "--hands", "none.json")
 
 
 def test_a_live_stage_follows_and_keeps_what_was_set(browser, clip):

@@ -16,7 +16,15 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 
 # What each parameter of a link is called, from which number to which it goes; the flexion axis is the fifth of the source.
-RANGES = {"joint": (0, 1), "near": (0, 0.5), "far": (0, 0.5), "muscle": (0, 1), "belly": (0.2, 0.8), "arc": (0, 1)}
+RANGES = {
+    "joint": (0, 1),
+    "near": (0, 0.5),
+    "far": (0, 0.5),
+    "muscle": (0, 1),
+    "belly": (0.2, 0.8),
+    "arc": (0, 1),
+    "palm": (0, 1),
+}
 
 STORED = "rounding:"  # of the keys in Humanoid.info, before the name of a joint or finger
 
@@ -27,7 +35,8 @@ class Rounding:
     `far` (0..0.5) of the link next to its two joints; `muscle` (0..1) inflates its palm side, most at `belly` (0.2..0.8)
     of its length. `axis`: unit flexion axis of the link's first joint in humanoid space at rest, positive towards the
     palm; None: fitted to the skeleton. `arc` (0..1): how far the back of a bent joint follows a circle; 0 leaves the
-    corner of the source's construction.
+    corner of the source's construction. `palm` (0..1): how much of the muscle's inflation the inner side of the palm
+    takes, on metacarpals that bend and between those that approach; 0 as in the source, where it takes none.
     """
 
     joint: float = 0.5
@@ -37,6 +46,7 @@ class Rounding:
     belly: float = 0.5
     axis: tuple[float, float, float] | None = None
     arc: float = 1.0
+    palm: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (low, high) in RANGES.items():
@@ -82,6 +92,22 @@ def store_roundings(humanoid: Humanoid, roundings: Mapping[str, Rounding]) -> No
     """
     kept = {key: value for key, value in humanoid.info.items() if not key.startswith(STORED)}
     humanoid.info = kept | {f"{STORED}{name}": r.words for name, r in roundings.items()}
+
+
+def roundings_of(document: object) -> dict[str, Rounding]:
+    """Parameters by joint or finger out of JSON as pages of hands save it: {"l_metacarpophalangeal_2": "joint 0.8"}.
+
+    Raises VitruvianError naming the entry that is not such words.
+    """
+    require(isinstance(document, dict), "hands", '{"joint or finger": "joint 0.8 muscle 0.5"}', repr(document)[:60])
+    out = {}
+    for name, words in document.items():  # type: ignore[attr-defined]
+        require(isinstance(words, str), f"hands: {name[:60]}", "words such as 'joint 0.8'", repr(words)[:60])
+        try:
+            out[name] = Rounding.read(words)
+        except VitruvianError as e:
+            raise VitruvianError(f"hands: {name[:60]}: {e}") from None
+    return out
 
 
 def stored_roundings(humanoid: Humanoid) -> dict[str, Rounding]:

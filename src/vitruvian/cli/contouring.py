@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Json, Out, Repair, count, emit
+from vitruvian.cli.files import with_hands
+from vitruvian.cli.output import Hands, Json, Out, Repair, count, emit
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def contours(
     fingers: bool = typer.Option(False, "--fingers", help="--live: fingers and toes bend."),
     pointers: str = typer.Option("routes", help="--live: what leaves the script by: routes, human, nodes."),
     schemes: str = typer.Option("", help="--live: javascript, ecmascript, vrmlscript: copies of the script, in order."),
+    hands: Path | None = Hands,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
@@ -78,6 +80,8 @@ def contours(
         humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, ramp=ramp, tilt=fans or tilt
     )
     tuned(made.humanoid, changes)
+    if hands is not None:
+        with_hands(made.humanoid, hands)
     unit = 1000 / (made.scale if not 1 / 3 < made.scale < 3 else 1)  # of figures in inches: as on a person
     surfaces = [c for s in made.humanoid.segments() for c in s.contours]
     document: dict[str, Any] = {

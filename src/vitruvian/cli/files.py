@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Bake, Json, Repair, Tolerance, baked, baking, count, emit, say
+from vitruvian.cli.output import Bake, Hands, Json, Repair, Tolerance, baked, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -202,6 +202,7 @@ def convert(
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several (scenes: all of them)."),
     clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
+    hands: Path | None = Hands,
     bake: bool = Bake,
     tolerance: float = Tolerance,
     repair: bool = Repair,
@@ -225,13 +226,15 @@ def convert(
             raise VitruvianError(f"{option}: expected {' or '.join(choices)}, found {value}")
     if names is not None and registry.extension(source) not in registry.FIGURES:
         raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
-    plain = name is None and loa is None and rest is None and skin is None
+    plain = name is None and loa is None and rest is None and skin is None and hands is None
     several = plain and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
     found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
     options = {} if names is None else {"names": names}
     thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
     off = 0.0
+    if hands is not None:
+        with_hands(thing, hands)
     if loa is not None or rest or skin:
         thing, lost, off = _remade(thing, target, hanim, loa, rest, skin)
     report = registry.save(thing, target, hanim=hanim, clip=clip, **baking(target, bake, tolerance))
@@ -277,6 +280,25 @@ def _remade(
 
         thing = segment(thing)
     return thing, lost, off
+
+
+def with_hands(humanoid: Any, path: Path) -> None:
+    """Put the parameters of hands in a JSON file, as pages save them, into a body; those it has of other joints stay."""
+    from vitruvian.body.hands import roundings_of, store_roundings, stored_roundings
+    from vitruvian.body.pack import pack
+    from vitruvian.deform.hand_links import hands_of
+    from vitruvian.hanim.humanoid import Humanoid
+
+    if not isinstance(humanoid, Humanoid):
+        raise VitruvianError(f"--hands: expected an H-Anim body, found a {type(humanoid).__name__.lower()}")
+    try:
+        given = roundings_of(json.loads(path.read_bytes()))
+        hands_of(pack(humanoid), given)  # names that no link has
+    except (OSError, ValueError, RecursionError) as e:
+        raise VitruvianError(f"--hands {path}: expected JSON that the page's Hands panel saved; {e}") from e
+    except VitruvianError as e:
+        raise VitruvianError(f"--hands {path}: {e}") from e
+    store_roundings(humanoid, stored_roundings(humanoid) | given)
 
 
 def pose_of(text: str, option: str = "--joints") -> dict[str, list[float]]:

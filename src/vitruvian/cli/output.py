@@ -17,6 +17,8 @@ Json = typer.Option(False, "--json", help="Print one JSON document to stdout and
 Out = typer.Option(..., "-o", "--out", help="File to write; its extension says the format.")
 Repair = typer.Option(False, "--repair", help="Drop numbers that can't be meant instead of refusing the file.")
 
+Hands = typer.Option(None, "--hands", help="JSON that the page's Hands panel saved: parameters of knuckles and palms.")
+
 Bake = typer.Option(
     False,
     "--bake",

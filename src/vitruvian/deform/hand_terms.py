@@ -2,7 +2,8 @@
 
 Along a finger a point belongs to the nearest link: at their joint both links place it alike. Between fingers, and from
 the fingers to the palm, shares follow the weights of the skin, so that nothing tears; across the palm a point belongs to
-a metacarpal, to its neighbour and to the gap between them, by where it lies.
+a metacarpal, to its neighbour and to the gap between them, by where it lies. The inner side of the palm is not inflated
+unless the parameter `palm` says so.
 
 Source: joint-dependent local operators for hands (1989), section 2; the shares are ours.
 """
@@ -24,6 +25,7 @@ from vitruvian.native import kernels
 LANES = 8  # terms of one link that the kernel works on at once
 ARC = 1.6  # an arc's share of the link over the portion that is inflated
 LEAST = 1e-3  # shares below this go to the others
+EITHER = 0.2  # of the ways to both neighbours together: a point that is less far along one is the other's
 Whole = NDArray[np.int64]
 Term = tuple[Whole, Whole, Floats]  # which points, by which links, with what shares
 
@@ -163,7 +165,8 @@ def assign(hand: Hand, skin: Skin) -> Assignment:
     row = np.concatenate([t[0] for t in terms])
     owner = np.concatenate([t[1] for t in terms])
     part = np.concatenate([t[2] for t in terms])
-    keep, gap_keep = part > LEAST, gap_part > LEAST
+    part, gap_part = np.maximum(part - LEAST, 0), np.maximum(gap_part - LEAST, 0)  # without a step
+    keep, gap_keep = part > 0, gap_part > 0
     row, owner, part = row[keep], owner[keep], part[keep]
     gap_row, pair, gap_part = gap_row[gap_keep], pair[gap_keep], gap_part[gap_keep]
     held = np.bincount(row, part, minlength=count) + np.bincount(gap_row, gap_part, minlength=count)
@@ -254,21 +257,24 @@ def smooth(x: Floats) -> Floats:
 def _palm(
     terms: list[Term], hand: Hand, points: Floats, place: Floats, distance: Floats, palm: Whole, left: Floats
 ) -> Term:
-    """The palm: the nearest metacarpal and its neighbour; gap rows, their links and shares."""
+    """The palm: the nearest metacarpal and its neighbours; gap rows, their links and shares."""
     best = palm[np.argmin(distance[:, palm], axis=1)]
-    other, across = _neighbours(hand, points, place, best)
+    across = _across(hand, points, place, best)
+    # Inside an arched palm the ways to both neighbours may begin: the one that is further along has the point.
+    further = across / np.maximum(across.sum(axis=1, keepdims=True), 1e-12)
+    side = smooth((further - EITHER) / (1 - 2 * EITHER))
     near, gap, far = _partition(across)
-    some = other >= 0
-    terms.append((np.arange(len(points)), best, left * np.where(some, near, 1.0)))
-    rows = np.flatnonzero(some)
-    terms.append((rows, other[rows], (left * far)[rows]))
-    return rows, np.stack([best[rows], other[rows]], axis=1), (left * gap)[rows]
+    none = 1 - side.sum(axis=1)  # beside no other metacarpal
+    terms.append((np.arange(len(points)), best, left * (np.sum(side * near, axis=1) + none)))
+    rows, which = np.nonzero(side > 0)
+    other = hand.beside[best[rows], which]
+    terms.append((rows, other, left[rows] * (side * far)[rows, which]))
+    return rows, np.stack([best[rows], other], axis=1), left[rows] * (side * gap)[rows, which]
 
 
-def _neighbours(hand: Hand, points: Floats, place: Floats, best: Whole) -> tuple[Whole, Floats]:
-    """For points of the palm: the metacarpal on whose side they lie (-1: none), and how far along the way to it."""
-    out = np.full(len(points), -1)
-    across = np.zeros(len(points))
+def _across(hand: Hand, points: Floats, place: Floats, best: Whole) -> Floats:
+    """(N,2) how far points of the palm lie along the ways from their metacarpal to its two neighbours, 0 to 1."""
+    across = np.zeros((len(points), 2))
     for side in (0, 1):
         beside = hand.beside[best, side]
         rows = np.flatnonzero(beside >= 0)
@@ -276,9 +282,8 @@ def _neighbours(hand: Hand, points: Floats, place: Floats, best: Whole) -> tuple
         feet = [hand.start[k] + place[rows, k][:, None] * (hand.end[k] - hand.start[k]) for k in (one, two)]
         bridge = feet[1] - feet[0]
         part = np.sum((points[rows] - feet[0]) * bridge, axis=1) / np.maximum(np.sum(bridge * bridge, axis=1), 1e-12)
-        better = (part > across[rows]) & (part > 0)
-        out[rows[better]], across[rows[better]] = two[better], part[better]
-    return out, np.clip(across, 0, 1)
+        across[rows, side] = np.clip(part, 0, 1)
+    return across
 
 
 def _partition(across: Floats) -> tuple[Floats, Floats, Floats]:
@@ -319,7 +324,7 @@ def hand_program(hand: Hand, skin: Skin, assignment: Assignment | None = None, *
     press = np.zeros(len(along)) if plain else np.where(outside, 0.0, _each(hand, "arc", a.link))
 
     alongs = np.stack([place[a.gap_row, a.links[:, i]] for i in (0, 1)], axis=1)
-    zones = [_zones(hand, normals, points[a.gap_row], a.links[:, i], alongs[:, i], plain) for i in (0, 1)]
+    zones = [_zones(hand, normals, points[a.gap_row], a.links[:, i], alongs[:, i], plain, gap=True) for i in (0, 1)]
     gap_coefficients = np.stack([z[1] for z in zones], axis=1)
     feet = [hand.start[a.links[:, i]] + alongs[:, i, None] * bone[a.links[:, i]] for i in (0, 1)]
     bridge = feet[1] - feet[0]
@@ -328,8 +333,9 @@ def hand_program(hand: Hand, skin: Skin, assignment: Assignment | None = None, *
     ys = [mixed(normals[a.links[:, i]], gap_coefficients[:, i]) for i in (0, 1)]
     basis = bridge_frames(bridge, ys[0], ys[1], across)
     gap_local = np.einsum("nba,nb->na", basis, points[a.gap_row] - feet[0] - across[:, None] * bridge)
-    muscle = np.array([r.muscle for r in hand.roundings])
-    fold = np.where(zones[1][0] & (not plain), muscle[a.links].mean(axis=1), 0.0)
+    both = [(_each(hand, "muscle", k), _each(hand, "muscle", k) * _each(hand, "palm", k)) for k in a.links.T]
+    outer, inner = np.mean(both, axis=0)
+    fold = 0 * outer if plain else np.where(gap_local[:, 1] >= 0, outer, inner)
     count = len(hand.vertices)
     whole: Floats = np.bincount(a.row, a.share, minlength=count).astype(np.float64)
     whole += np.bincount(a.gap_row, a.gap_share, minlength=count)
@@ -346,14 +352,15 @@ def _each(hand: Hand, name: str, link: Ints) -> Floats:
 
 
 def _zones(
-    hand: Hand, normals: Floats, points: Floats, link: Ints, along: Floats, plain: bool
+    hand: Hand, normals: Floats, points: Floats, link: Ints, along: Floats, plain: bool, *, gap: bool = False
 ) -> tuple[NDArray[np.bool_], Floats, Floats]:
     """Whether points lie on the back's side of their link; (n,3) coefficients of the frames at its near end, of its own
     and at its far end; (n,2) how far along the link they move where a bent joint is rounded to an arc.
 
     On the back the frame of a joint holds over the portion next to it, and they are interpolated between; on the palm's
     side they are interpolated from end to end. With an arc the frame turns from that of the joint to that of the link
-    over the portion, and points next to the joint gather over it, so that the bones' corner does not show.
+    over the portion, and points next to the joint gather over it, so that the bones' corner does not show. In a `gap`,
+    whose points stand off the link sideways, back and palm side pass into each other.
     """
     get = partial(_each, hand, link=link)
     inner: Floats = np.clip(along, 0, 1)
@@ -371,8 +378,10 @@ def _zones(
     one = np.clip(along / np.maximum(near, 1e-9), 0, 1)
     two = np.clip((1 - along) / np.maximum(far, 1e-9), 0, 1)
     bow = np.stack([(1 - one) ** 2, 1 - (1 - one) ** 2 - (1 - two) ** 2, (1 - two) ** 2], axis=1)
-    rounded = (1 - up) * ends(inner) + up * bow
-    coefficients = np.where(outside[:, None], (1 - arc)[:, None] * ends(outer) + arc[:, None] * rounded, ends(inner))
+    flat, rounded = ends(outer), (1 - up) * ends(inner) + up * bow
+    if gap:
+        flat = (1 - up) * ends(inner) + up * flat
+    coefficients = np.where(outside[:, None], (1 - arc)[:, None] * flat + arc[:, None] * rounded, ends(inner))
     shift = (
         np.where(outside, arc, 0.0)[:, None]
         * up
@@ -387,7 +396,8 @@ def _swell(hand: Hand, link: Ints, along: Floats, outside: NDArray[np.bool_]) ->
     bump = lambda u: np.where(np.abs(u) < 1, np.cos(np.pi * np.clip(u, -1, 1) / 2) ** 2, 0.0)  # noqa: E731
     near, far = np.maximum(get("near"), 1e-9), np.maximum(get("far"), 1e-9)
     power = np.log(0.5) / np.log(get("belly"))
-    muscle = get("muscle") * np.sin(np.pi * np.clip(along, 0, 1) ** power) ** 2
+    metacarpal = (hand.beside[link] >= 0).any(axis=1)
+    muscle = get("muscle") * np.where(metacarpal, get("palm"), 1.0) * np.sin(np.pi * np.clip(along, 0, 1) ** power) ** 2
     return np.stack([
         np.where(outside, get("joint") * bump(along / near), 0.0),
         np.where(outside, get("joint") * bump((1 - along) / far), 0.0),

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +29,15 @@ from vitruvian.modeling.fans import Fan, fan, tilts
 from vitruvian.modeling.hems import Hemmed, clear, hemmed
 from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
+from vitruvian.modeling.throats import HEAD, NECK, Throat, throat
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
 _SHADE = 0.55  # colour of the skin under a hem, over the garment's
 BEND = 1.5  # radii of a limb over which a joint bends it on each side: that far no fold on the inside to 135 degrees
 CLOSE = 0.25  # how much closer contours are at the ends of a limb than evenly spaced
+_STAND = 0.045  # metres of a person over which the trunk of a figure in segments comes to stand on its pelvis
+_COLLAR = 0.05  # metres of a person between a neck of segments and the contours of the trunk
+_TUBE = 1.6  # times as wide as a neck: a wider loop is a collar
 _CUFF = 0.012  # metres of a person between the end of a limb and the clothes below it
 _WHOLE = 0.75  # a limb that its joint moves by this much where it begins takes all of the joint's rotation there
 
@@ -81,11 +86,15 @@ def contoured(
     """
     body = pack(humanoid)
     cuts = Cuts(body)
+    neck = throat(cuts) if cuts.segmented else None
+    if neck is not None:
+        top, down = cuts.planes["top"]
+        cuts.planes["top"] = (np.array([top[0], min(top[1], neck.base[1] - _COLLAR * cuts.scale), top[2]]), down)
     made = _limbs(cuts, density, tilts(humanoid, tilt, list(TILTED)))
     for m in made:
         for field, value in (("diversion", diversion), ("mitre", mitre), ("recentre", recentre), ("ramp", ramp)):
             _set(m.surface, field, value)
-    for part in (_torso, _neck):
+    for part in (_torso, partial(_neck, throat=neck)):
         try:
             made += part(cuts, density)
         except VitruvianError as missing:
@@ -125,7 +134,8 @@ TILTED = tuple(f"{side}_{spec.name}_def" for side in "lr" for spec in LIMBS)
 class Made:
     """A surface, the joint it hangs on, and where it was sliced: `rings`, planes and directions.
 
-    `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`. `bands`:
+    `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`; `bored`:
+    whether a hole is bored into that. `bands`:
     where it shows several parts of the skin, the contour from which on and the number of each."""
 
     joint: int
@@ -137,6 +147,7 @@ class Made:
     ends: tuple[bool, bool] = (False, False)
     regions: tuple[int, int] = (0, 0)
     bands: tuple[tuple[int, int], ...] = ()
+    bored: tuple[bool, bool] = (False, False)
 
 
 def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
@@ -245,11 +256,12 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
     colors, uv = cuts.colored(loops), cuts.mapped(loops)
     joint = cuts.spine[0] if cuts.spine else max(int(cuts.body.skeleton.parents[cuts.index["l_shoulder"]]), 0)
     out = []
+    stand = int(np.ceil(_STAND * cuts.scale * (count - 1) / float(top[1] - low[1]))) if cuts.segmented else 0
     front, back = np.arange(points), np.append(np.arange(points - 1, 2 * points - 2), 0)
     for name, which in (("front", front), ("back", back)):
         part = lambda a, which=which: None if a is None else a[:, which]  # noqa: E731
         surface = ContourSurface(
-            f"l5_{name}_def", loops.points[:, which], closed=False, lower=2 if cuts.segmented else 0,
+            f"l5_{name}_def", loops.points[:, which], closed=False, lower=stand,
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
         ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
@@ -257,13 +269,18 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
     return out
 
 
-def _neck(cuts: Cuts, density: float) -> list[Made]:
-    """From the skull's plane to the base of the neck."""
-    if "skullbase" not in cuts.planes or (cuts.segmented and not cuts.neck):
+def _neck(cuts: Cuts, density: float, throat: Throat | None) -> list[Made]:
+    """From the skull's plane to the base of the neck; of a figure in segments what shows of the neck."""
+    if "skullbase" not in cuts.planes:
         return []
     points, count = max(6, round(24 * density)), max(6, round(9 * density))
-    (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
     around = np.arange(points) * 2 * np.pi / points
+    if cuts.segmented and throat is None and not cuts.neck:
+        return []
+    if throat is not None:
+        found = _necked(cuts, *throat.sliced(cuts, np.linspace(0, 1, count), around), around)
+        return [replace(found, ends=(True, True), bored=(True, throat.apart))]
+    (skull, high), (base, low) = cuts.planes["skullbase"], cuts.planes["neck"]
 
     def planes(s: Floats) -> tuple[Floats, Floats]:
         axis = (1 - s[:, None]) * high + s[:, None] * low
@@ -271,7 +288,7 @@ def _neck(cuts: Cuts, density: float) -> list[Made]:
 
     def sliced(s: Floats) -> Rings:
         return rings(
-            cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, 1), *planes(s), forward=FRONT, angles=around,
+            cuts.skin.rest, cuts.skin.triangles, cuts.triangles(0, HEAD, NECK), *planes(s), forward=FRONT, angles=around,
             name="neck", loose=cuts.segmented,
         )  # fmt: skip
 
@@ -280,13 +297,15 @@ def _neck(cuts: Cuts, density: float) -> list[Made]:
         base, low = (p[0] for p in planes(np.array([share])))
         cuts.planes["neck"] = (base, low)
     s = np.linspace(0, 1, count)
-    centers, axis = planes(s)
-    made = sliced(s)
+    return [_necked(cuts, sliced(s), *planes(s), around)]
+
+
+def _necked(cuts: Cuts, made: Rings, centers: Floats, axis: Floats, around: Floats) -> Made:
     joint = cuts.neck[0] if cuts.neck else cuts.index["skullbase"]
     name = tables.canonical(cuts.body.skeleton.names[joint]) or "c7"
     segment = tables.joints()[name].segment if name in tables.joints() else "c7"
     surface = ContourSurface(f"{segment}_def", made.points, colors=cuts.colored(made), uv=cuts.mapped(made))
-    return [Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2)]
+    return Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2, (HEAD, 0))
 
 
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
@@ -300,7 +319,7 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
     loops = [_loop(cuts, *one) for one in ends]
     if cuts.segmented:
-        met = [_met(cuts, loop, m.regions[end]) for loop, (m, _, end) in zip(loops, ends, strict=True)]
+        met = [_met(cuts, loop, m, end) for loop, (m, _, end) in zip(loops, ends, strict=True)]
         loops = [loop for loop in met if loop is not None]
     for loop in loops:
         cloth.cut(loop)
@@ -326,16 +345,27 @@ def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
     )  # fmt: skip
 
 
-def _met(cuts: Cuts, loop: Loop, code: int) -> Loop | None:
-    """The loop of a figure in segments, to be sewn to the segment beyond it, of region `code`, which is cut where it first
-    goes all round; None where none does, which is said."""
-    mine = np.zeros(len(cuts.skin.triangles), bool)
-    mine[cuts.triangles(code)] = True
+def _met(cuts: Cuts, loop: Loop, made: Made, end: int) -> Loop | None:
+    """The loop at an end of a surface of a figure in segments, to be sewn to the segment beyond it, which is cut where it
+    first goes all round, or into which a hole is bored; None where none does, which is said."""
+    mine, code = np.zeros(len(cuts.skin.triangles), bool), made.regions[end]
+    chosen = cuts.triangles(code)
+    mine[chosen] = True
+    if made.bored[end]:
+        return replace(loop, only=mine, bored=True)
     for gap in loop.gap * np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0]):
         found = replace(loop, gap=float(gap), only=mine)
-        if len(section(cuts.skin.rest, cuts.skin.triangles[mine], found.beyond, loop.axis, FRONT).round):
-            return found
-    if code in OUTER:
+        cut = section(cuts.skin.rest, cuts.skin.triangles[chosen], found.beyond, loop.axis, FRONT)
+        if not len(cut.round):
+            continue
+        if code == 0 and made.regions[0] == HEAD:  # the trunk's own neck, and no hood round it
+            inner = cut.round[np.argmin(cut.size[cut.round])]
+            if cut.size[inner] > _TUBE * loop.ring.radius:
+                continue
+            mine[:] = False
+            mine[chosen[cut.face[cut.loop == inner]]] = True
+        return found
+    if code in (*OUTER, HEAD) or made.regions[0] == HEAD:
         warn(f"contours {loop.name}: no segment beyond it to sew it to")
     return None
 
@@ -356,14 +386,17 @@ def _inside(cuts: Cuts, made: list[Made], places: Floats, region: NDArray) -> ND
     slack = 0.0 if cuts.segmented else 0.01 * cuts.scale
     beyond = lambda name: (places - cuts.planes[name][0]) @ cuts.planes[name][1]  # noqa: E731
     names = {m.surface.name for m in made}
+    inside = np.zeros(len(places), bool)
     zones: list[tuple[tuple[int, ...], str, str]] = [((0,), "top", "vl5")] if "l5_front_def" in names else []
     if sum(not name.startswith(("l_", "r_", "l5_")) for name in names):
-        zones.append(((0, 1), "skullbase", "neck"))
+        if any(m.bored[0] for m in made):
+            inside |= region == NECK  # all of it, what stands in the head and in the trunk too
+        else:
+            zones.append(((0, HEAD, NECK), "skullbase", "neck"))
     for n, side in enumerate("lr"):
         for spec in LIMBS:
             if f"{side}_{spec.name}_def" in names:
                 zones.append(((spec.code + n, spec.code + n + 2), f"{side}_{spec.near}", f"{side}_{spec.far}"))
-    inside = np.zeros(len(places), bool)
     for codes, high, low in zones:
         inside |= np.isin(region, codes) & (beyond(high) > -slack) & (beyond(low) < slack)
     return inside

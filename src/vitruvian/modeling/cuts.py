@@ -87,7 +87,8 @@ class Cuts:
     def _regions(self) -> NDArray[np.int64]:
         """(V,) 0 trunk, 1 head, 2/3 left/right arm, 4/5 hand, 6/7 leg, 8/9 foot: by the joint of largest weight.
 
-        The pelvis is the trunk's in a skin, and 10 in a figure of segments with a spine, where it stays as it is.
+        The pelvis is the trunk's in a skin, and 10 in a figure of segments with a spine, where it stays as it is. The
+        neck is 11 in a figure of segments whose neck has joints.
         """
         skeleton, weights = self.body.skeleton, self.body.skin.weights
         start = {"skullbase": 1}
@@ -97,6 +98,8 @@ class Cuts:
         root = 10 if self.segmented and self.spine else 0
         of_joint = np.full(len(skeleton), root, np.int64)
         begin = {self.index[name]: code for name, code in start.items() if name in self.index}
+        if self.segmented and self.neck:
+            begin[self.neck[0]] = 11
         if root:
             begin[self.spine[0]] = 0
         for j, parent in enumerate(skeleton.parents):

@@ -20,7 +20,8 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     """A body with every `contours`-th contour and every `points`-th point of each, and (V',) which vertices it kept.
 
     Seams, hems, and the contours where a joint begins or ends to turn a surface, are always kept, so that neighbours
-    still meet and bend in the same places. What is not organised in contours stays as it is.
+    still meet and bend in the same places. What is not organised in contours stays as it is. Points keep their texture
+    coordinates to the bit; where one lies on several parts, it keeps those of each.
     """
     require(contours >= 1 and points >= 1, "level of detail", "steps of 1 or more", (contours, points))
     require(bool(body.contours), "level of detail", "a body with contours", "none")
@@ -46,19 +47,30 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     place = np.full(len(kept), -1, np.int64)
     place[source] = np.arange(len(source))
     triangles: list[Ints] = []
+    looks: list[Ints] = []
     parts: list[Part] = []
     total = 0
     for part in skin.parts:
         faces = skin.triangles[part.start : part.stop]
+        corners = None if skin.uv_triangles is None else skin.uv_triangles[part.start : part.stop]
         if len(faces) and (owner[faces] >= 0).all():
             surface, rows, columns = grids[owner[faces[0, 0]]]
             first, last = (int(f(row[faces])) for f in (np.min, np.max))
             mine = rows[(rows >= first) & (rows <= last)]
-            fringe = [f for f in _fringe(skin.rest, surface, columns) if first <= row[f].min() and row[f].max() <= last]
-            faces = grid(place[surface.vertices[np.ix_(mine, columns)]].astype(np.int32), surface.closed)
-            faces = np.concatenate([faces, place[np.array(fringe, np.int64).reshape(-1, 3)].astype(np.int32)])
+            sewn, own = _fringe(skin.rest, surface, columns)
+            fits = (row[sewn].min(axis=1, initial=last) >= first) & (row[sewn].max(axis=1, initial=first) <= last)
+            plain = grid(surface.vertices[np.ix_(mine, columns)], surface.closed)
+            if corners is not None:
+                look = np.zeros(len(kept), np.int32)
+                look[faces] = corners
+                looks.append(look[np.concatenate([plain, own[fits]])])
+            faces = np.concatenate([plain, sewn[fits]])
         else:
-            faces = place[faces[kept[faces].all(axis=1)]].astype(np.int32)
+            whole = kept[faces].all(axis=1)
+            faces = faces[whole]
+            if corners is not None:
+                looks.append(corners[whole])
+        faces = place[faces].astype(np.int32)
         triangles.append(faces)
         parts.append(replace(part, start=total, stop=total + len(faces)))
         total += len(faces)
@@ -66,6 +78,7 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
         skin.rest[source],
         np.concatenate(triangles),
         _weights(skin.weights, source),
+        *_looks(skin, looks),
         colors=None if skin.colors is None else skin.colors[source],
         parts=tuple(parts),
         morphs=tuple(
@@ -87,10 +100,12 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
     return replace(body, skin=smaller, contours=surfaces), source.astype(np.int32)
 
 
-def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
+def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> tuple[Ints, Ints]:
     """(T,3) triangles between the kept points of a surface's ends and the vertices tied to the others: no gap opens
-    between a coarse contour and what is sewn to all of its points."""
-    out = []
+    between a coarse contour and what is sewn to all of its points. The second (T,3) has for those vertices the points of
+    the contour that they lie on."""
+    out: list[list[int]] = []
+    lain: list[list[int]] = []
     count, each = s.vertices.shape
     for k in (0, count - 1):
         tied = {rest[v].tobytes(): int(v) for v in s.tied[s.tied[:, 1] == k, 0]}
@@ -100,10 +115,21 @@ def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> Ints:
             between = [tied.get(rest[ring[c % each]].tobytes(), -1) for c in range(a + 1, b)]
             if -1 in between:
                 continue
-            line = [ring[a], *between, ring[b % each]]
+            line, under = [ring[a], *between, ring[b % each]], [ring[c % each] for c in range(a, b + 1)]
             for i in range(1, len(line) - 1):
-                out.append([line[0], line[i + 1], line[i]] if k == 0 else [line[0], line[i], line[i + 1]])
-    return np.array(out, np.int32).reshape(-1, 3)
+                order = (0, i + 1, i) if k == 0 else (0, i, i + 1)
+                out.append([line[n] for n in order])
+                lain.append([under[n] for n in order])
+    sewn, own = (np.array(faces, np.int32).reshape(-1, 3) for faces in (out, lain))
+    return sewn, own
+
+
+def _looks(skin: Skin, corners: list[Ints]) -> tuple[Floats | None, Ints | None]:
+    """Texture coordinates that corners (T,3), by parts, are still of, and the corners' numbers among them."""
+    if skin.uv is None:
+        return None, None
+    used, flat = np.unique(np.concatenate(corners), return_inverse=True)
+    return skin.uv[used], flat.reshape(-1, 3).astype(np.int32)
 
 
 def _middles(body: Body, surface: Contours) -> Floats:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse import coo_matrix, csr_matrix, diags, identity
 
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling import source
+from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.look import Color, LookPart, looks, named
 from vitruvian.modeling.rest import cross
 
@@ -33,6 +33,8 @@ COLORS: dict[str, Color] = {
     "coral": (0.82, 0.42, 0.36), "plum": (0.40, 0.22, 0.36), "sand": (0.70, 0.60, 0.46), "denim": (0.24, 0.31, 0.42),
 }  # fmt: skip
 SUIT: Color = (0.20, 0.24, 0.30)
+STEEP = 0.2  # difference of what two neighbours follow a leg by, from which on weights are evened out
+EASE, EASING = 6, 30  # over how many edges round such places, and in how many rounds
 MARGIN = 22  # millimetres inside a garment's edge where the skin beneath is left out
 
 
@@ -93,8 +95,40 @@ def pattern(name: str) -> Pattern:
     rim = np.unique(border)
     t = np.tile(np.arange(len(surface)), 3)
     corners = csr_matrix((np.ones(len(t)), (surface.T.ravel(), t)), (n, len(surface)))
-    drawn = means[looks(f"{name}.vertex").astype(np.int64)].tocsr()
-    return Pattern(means, drawn, surface, _neighbours(edges, n), corners, rim, _neighbours(border, n)[rim][:, rim])
+    near = _neighbours(edges, n)
+    drawn = _eased(means, edges, near, rim)[looks(f"{name}.vertex").astype(np.int64)].tocsr()
+    return Pattern(means, drawn, surface, near, corners, rim, _neighbours(border, n)[rim][:, rim])
+
+
+def _eased(means: csr_matrix, edges: np.ndarray, near: csr_matrix, rim: np.ndarray) -> csr_matrix:
+    """The source points (n, 19158) that garment points take weights from, evened out round places where neighbours
+    follow the legs by very different shares: between the legs cloth spans what lies apart on the body, and would be torn.
+    """
+    w, names = source.weights(), anatomy.names()
+    steep = np.zeros(len(near.indptr) - 1, bool)
+    for side in "lr":
+        leg = np.isin(w.joint, [names.index(f"{side}_{joint}") for joint in ("hip", "knee")])
+        share = means @ np.bincount(w.vertex[leg], w.weight[leg], minlength=source.POINTS)
+        steep[edges[np.abs(share[edges[:, 0]] - share[edges[:, 1]]) > STEEP]] = True
+    if not steep.any():
+        return means
+    edge = np.zeros(len(steep), bool)
+    edge[rim] = True
+    much = np.clip(1 - _rings(steep, near, EASE) / EASE, 0, 1) * np.clip(_rings(edge, near, 3) / 3, 0, 1)
+    take = diags(0.5 * much)
+    step = (identity(len(steep)) - take + take @ near).tocsr()
+    for _ in range(EASING):
+        means = step @ means
+    return means
+
+
+def _rings(some: np.ndarray, near: csr_matrix, most: int) -> np.ndarray:
+    """(n,) how many edges each point is away from some (n,), at most so many."""
+    out = np.where(some, 0, most)
+    for ring in range(1, most):
+        some = some | (near @ some > 0)
+        out[some & (out == most)] = ring
+    return out
 
 
 def _neighbours(edges: np.ndarray, n: int) -> csr_matrix:

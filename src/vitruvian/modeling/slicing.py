@@ -52,14 +52,14 @@ class Section:
     @property
     def round(self) -> Whole:
         """The loops that go round the centre and are not much wider than the innermost: a limb and its clothes."""
-        some = np.flatnonzero(self._round(np.zeros(2)))
+        some = np.flatnonzero(self.around(np.zeros(2)))
         return some[self.size[some] <= _LAYERS * self.size[some].min()] if len(some) else some
 
     def holds(self, place: Floats) -> bool:
         """Whether one of the loops that go round the centre goes round `place` (2,) too."""
-        return bool(self._round(place)[self.round].any())
+        return bool(self.around(place)[self.round].any())
 
-    def _round(self, place: Floats) -> NDArray[np.bool_]:
+    def around(self, place: Floats) -> NDArray[np.bool_]:
         """(L,) which loops go round a place: most rays from it cross them an odd number of times, however faces turn."""
         a, b = self.segments[:, 0] - place, self.segments[:, 1] - place
         odd = np.zeros(len(self.size))

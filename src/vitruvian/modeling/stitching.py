@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
+_SPOKES = 6  # planes through the middle of a hole that is bored
 _ALIKE = 0.3  # how much of their weights points of two layers share
 
 
@@ -25,7 +26,8 @@ class Loop:
     angles (P,): of its points in the plane from `forward` on. The skin is on the side that the axis points to (`side`
     1) or on the other (-1), and is cut `gap` (m) beyond the contour. joints (n,) and weights (n,): how the contour
     moves, said as skin weights; over `reach` (m) the skin's own weights become those. only (T,): triangles of
-    the skin that may be cut, None for all.
+    the skin that may be cut, None for all. bored: the skin is not cut by the plane but by a tube round the contour, where
+    a surface closes over it.
     """
 
     name: str
@@ -40,11 +42,24 @@ class Loop:
     joints: Ints
     weights: Floats
     only: Mask | None = None
+    bored: bool = False
 
     @property
     def beyond(self) -> Floats:
         """Where the skin is cut."""
         return self.center + self.side * self.gap * self.axis
+
+    def outside(self, points: Floats) -> Floats:
+        """(n,) how far points (n,3) are on the skin's side of what cuts it, m: of the plane, or of the tube."""
+        if not self.bored:
+            return np.asarray(self.side * ((points - self.beyond) @ self.axis))
+        off = points - self.center
+        off = off - np.outer(off @ self.axis, self.axis)
+        ring = self.ring.points[0] - self.center
+        size = np.linalg.norm(ring - np.outer(ring @ self.axis, self.axis), axis=1)
+        return np.asarray(
+            np.linalg.norm(off, axis=1) - self.gap - np.interp(_angle(off, self), self.angles, size, period=2 * np.pi)
+        )
 
 
 class Cloth:
@@ -65,10 +80,64 @@ class Cloth:
 
     def cut(self, loop: Loop) -> None:
         """Divide the triangles along the plane beyond a contour."""
-        chosen = np.flatnonzero(self.free if loop.only is None else self.free & loop.only[self.origin])
+        if loop.bored:
+            self._bore(loop)
+            return
+        chosen = self._chosen(loop)
         found = section(self.rest, self.triangles[chosen], loop.beyond, loop.axis, loop.forward)
         faces = chosen[np.unique(found.face[np.isin(found.loop, found.round)])]
-        d = (self.rest - loop.beyond) @ loop.axis
+        self.on.append(self._divide((self.rest - loop.beyond) @ loop.axis, faces))
+
+    def _chosen(self, loop: Loop) -> Whole:
+        return np.flatnonzero(self.free if loop.only is None else self.free & loop.only[self.origin])
+
+    def _bore(self, loop: Loop) -> None:
+        """Divide triangles along a tube round a contour, where it meets a surface beyond it first: first along spokes, so
+        that it meets edges all round, then along the tube."""
+        near, far, mine = self._met(loop)
+        chosen = lambda: np.flatnonzero(mine[self.origin])  # noqa: E731
+        rays = np.linspace(0, np.pi, _SPOKES, endpoint=False)
+        first, second = (d[0] for d in frames(loop.axis[None], loop.forward))
+        for normal in np.cos(rays)[:, None] * first + np.sin(rays)[:, None] * second:
+            self._divide((self.rest - loop.center) @ normal, chosen())
+        height = loop.side * ((self.rest - loop.center) @ loop.axis)
+        faces = chosen()
+        low, high = (f(height[self.triangles[faces]], axis=1) for f in (np.min, np.max))
+        self.on.append(self._divide(loop.outside(self.rest), faces[(low < far) & (high > near)]))
+
+    def _met(self, loop: Loop) -> tuple[float, float, Mask]:
+        """Between which distances (m) along its axis a bored contour's tube meets a surface first, and the triangles of
+        the original (T,) that hang together with it."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        chosen = self._chosen(loop)
+        t = self.triangles[chosen].astype(np.int64)
+        ring = loop.ring.points[0]
+        start, way = np.concatenate([[loop.center], ring]), loop.side * loop.axis
+        a, b, c = np.moveaxis(self.rest[t], 1, 0)
+        across = np.cross(way, c - a)
+        size = np.einsum("nk,nk->n", b - a, across)
+        size = np.where(np.abs(size) > 1e-15, size, np.inf)
+        from_a = start[:, None] - a
+        u = np.einsum("rnk,nk->rn", from_a, across) / size
+        turned = np.cross(from_a, b - a)
+        v, far = turned @ way / size, np.einsum("rnk,nk->rn", turned, c - a) / size
+        far = np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0), far, np.inf)
+        mine = np.zeros(len(self.skin.triangles), bool)
+        hit = np.flatnonzero(np.isfinite(far).any(axis=1))
+        if not len(hit):
+            return 0.0, 0.0, mine
+        face, distance = np.argmin(far, axis=1)[hit], np.min(far, axis=1)[hit]
+        ends = np.concatenate([t[:, [0, 1]], t[:, [1, 2]]])
+        graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(self.rest),) * 2)
+        piece = connected_components(graph, directed=False)[1][t[:, 0]]
+        mine[self.origin[chosen[np.isin(piece, piece[face])]]] = True
+        return float(distance.min()) - loop.ring.radius, float(distance.max()) + loop.ring.radius, mine
+
+    def _divide(self, d: Floats, faces: Whole) -> Mask:
+        """Divide triangles where the values d (V,) of their corners change sign; which vertices are on that line then."""
+        d = d.copy()
         d[np.abs(d) < 1e-7] = 0.0
         across = faces[(d[self.triangles[faces]].max(axis=1) > 0) & (d[self.triangles[faces]].min(axis=1) < 0)]
         touched = np.unique(self.triangles[faces])
@@ -116,10 +185,14 @@ class Cloth:
             ends = np.array(list(corners), np.int64)
             self.uv = np.concatenate([self.uv, _between(self.uv, ends, np.array(shares))])
         self.blend.append((pairs, share))
+        for n, on in enumerate(self.on):  # a line that is divided stays whole
+            line = np.zeros(first, bool)
+            line[: len(on)] = on
+            self.on[n] = np.concatenate([line, line[pairs].all(axis=1)])
         here = np.zeros(len(self.rest), bool)
         here[first:] = True
         here[touched[d[touched] == 0]] = True
-        self.on.append(here)
+        return here
 
     def pieces(self) -> Whole:
         """(T,) which connected piece each triangle is of, the cuts between them."""
@@ -150,7 +223,7 @@ class Cloth:
             here = np.zeros(len(self.rest), bool)
             here[: len(on)] = on
             touching = np.isin(piece, piece[here[self.triangles].any(axis=1)])
-            height = loop.side * ((corners.mean(axis=1) - loop.beyond) @ loop.axis)
+            height = loop.outside(corners.mean(axis=1))
             mean = np.bincount(piece, area * height) / np.bincount(piece, area)
             out |= touching & (mean[piece] < 0)
         return out
@@ -179,6 +252,9 @@ class Cloth:
             own = np.einsum("nk,nkc->nc", inside, self.looks[self.first[face]])
             ring_uv = len(self.uv) + ring_uv
             self.uv = np.concatenate([self.uv, own])
+            if loop.bored:  # what a neck runs into keeps its colour up to the seam
+                near = np.linalg.norm(self.rest[line][None] - loop.ring.points[0][:, None], axis=2).argmin(axis=1)
+                ring_uv = np.array([corner_of[int(v)] for v in line[near]])
         a = loop.angles - loop.angles[0]
         b = _angle(self.rest[line] - loop.beyond, loop) - loop.angles[0]
         start = int(np.argmin(np.abs(np.angle(np.exp(1j * b)))))  # beside the contour's first point
@@ -257,6 +333,8 @@ class Cloth:
         from scipy.sparse.csgraph import connected_components, dijkstra
         from scipy.spatial import cKDTree
 
+        if not loops:
+            return table
         t = self.triangles.astype(np.int64)
         edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
         length = np.linalg.norm(self.rest[edges[:, 0]] - self.rest[edges[:, 1]], axis=1) + 1e-12

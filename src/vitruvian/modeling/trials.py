@@ -74,8 +74,8 @@ def seam_gap(body: Body, points: NDArray) -> float:
 
 def poses(skeleton: Skeleton) -> dict[str, dict[int, list[float]]]:
     """{name: {joint: [x, y, z, angle]}}: arms lifted from where they hang by 90 and 150 degrees forwards and sideways,
-    or to the T pose; elbow 135, knee 120, hip 90, wrist twisted 150, spine twisted 60. Poses whose joints lack are left
-    out."""
+    or to the T pose; elbow 135, knee 120, hip 90, wrist twisted 150, spine twisted 60, head nodded 40 and turned 60, neck
+    bent sideways 40. Poses whose joints lack are left out."""
     index, centers = joint_index(skeleton.names), skeleton.centers
     out: dict[str, dict[int, list[float]]] = {}
 
@@ -107,6 +107,14 @@ def poses(skeleton: Skeleton) -> dict[str, dict[int, list[float]]]:
     spine = [index[n] for n in ("vt8", "vt6", "vt10", "vt1", "vl5") if n in index]
     if spine:
         out["spine twisted 60"] = {spine[0]: [0.0, 1.0, 0.0, float(np.radians(60))]}
+    for name, joints, axis, degrees in (
+        ("head nodded 40", ("skullbase",), [1.0, 0, 0], 40),
+        ("head turned 60", ("skullbase",), [0, 1.0, 0], 60),
+        ("neck bent 40", ("vc4", "vc7", "vc1"), [0, 0, 1.0], 40),
+    ):
+        some = [index[j] for j in joints if j in index]
+        if some:
+            out[name] = {some[0]: [*axis, float(np.radians(degrees))]}
     return out
 
 

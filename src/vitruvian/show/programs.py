@@ -10,6 +10,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from vitruvian.body.hands import RANGES
 from vitruvian.body.types import Body
 from vitruvian.deform.contours import ContourOperator, Program
 from vitruvian.deform.hand_links import hands_of
@@ -24,7 +25,6 @@ _HAND = (
     "hand.start hand.end hand.axis_near hand.axis_far hand.vertices normal_near normal_far vertex gap_vertex "
     "assignment.share assignment.gap_share"
 ).split()
-_ROUNDING = ("joint", "near", "far", "muscle", "belly", "arc")
 _NEXT = ("base", "limb")  # fields in which -1 means none
 
 
@@ -75,10 +75,11 @@ def _hands(body: Body) -> dict[str, NDArray]:
     out = {name: joined(f"hand.{name}") + 1 for name in ("before", "near", "far")}
     out |= {path.rpartition(".")[2]: joined(path) for path in _HAND}
     out |= {path.rpartition(".")[2]: linked(path) for path in ("assignment.link", "assignment.links")}
-    roundings = [[getattr(r, name) for name in _ROUNDING] for p in programs for r in p.hand.roundings]
+    roundings = [[getattr(r, name) for name in RANGES] for p in programs for r in p.hand.roundings]
     out |= {
         "previous": linked("previous") + 1,
         "rounding": np.array(roundings, np.float64),
+        "palm": np.concatenate([(p.hand.beside >= 0).any(axis=1) for p in programs]),
         "left": 1 - joined("whole"),
     }
     return {f"hand_{name}": a for name, a in out.items()}

@@ -7,12 +7,13 @@ const ROUND = Math.PI / 3; // flexion at which the back of a joint is fully an a
 const ROOM = 0.9; // of the depth at which the palm side would fold onto itself, that it may have
 const ARC = 1.6; // an arc's share of the link over the portion that is inflated
 export const TILT = Math.PI / 4; // how far a flexion axis may be turned about its link
-const LINKS = ["before", "near", "far", "previous", "start", "end", "axis_near", "axis_far", "normal_near", "normal_far", "rounding"];
+const LINKS = ["before", "near", "far", "previous", "start", "end", "axis_near", "axis_far", "normal_near", "normal_far", "rounding", "palm"];
 const TERMS = ["vertex", "link", "share"], GAPS = ["gap_vertex", "links", "gap_share"], OWN = ["vertices", "left"];
 
 /**
  * The hands out of a mesh message's blocks; null when it has none, or lacks something.
- * before, near, far, previous: one more than the joint or link, 0: none. rounding (L*6): joint, near, far, muscle, belly, arc.
+ * before, near, far, previous: one more than the joint or link, 0: none. rounding (L*7): joint, near, far, muscle, belly, arc,
+ * palm. palm (L): 1 for the metacarpals.
  * vertices and left: what the base operator keeps of each. A term: a vertex, its link and share; a gap: its two links.
  * tuning: shared by all parts of a skin; `plain`: no second pass, `change` counts what `tune` did.
  */
@@ -24,7 +25,7 @@ export function handProgram(get) {
 }
 
 /**
- * Other parameters: rounding (L*6); tilt (L) radians by which the axis at the beginning of each link is turned about it;
+ * Other parameters: rounding (L*7); tilt (L) radians by which the axis at the beginning of each link is turned about it;
  * `plain`: neither knuckles nor arcs nor muscle. Whatever shares these hands follows.
  */
 export function tune(p, { rounding, tilt, plain }) {
@@ -115,19 +116,19 @@ function placed(p, rest) {
   const out = floats({ along: n, shift: 2 * n, coefficients: 3 * n, local: 3 * n, swell: 3 * n, press: n, alongs: 2 * g, gapCoefficients: 6 * g, across: g, gapLocal: 3 * g, fold: g, width: g });
   const off = (v, c, k, along) => rest[3 * v + c] - still.start[3 * k + c] - along * still.bone[3 * k + c];
   for (let i = 0; i < n; i++) {
-    const k = p.link[i], v = p.vertex[i], { along, outside, coefficients, shift } = zone(p, still, k, rest, v), [joint, near, far, muscle, belly, arc] = rounding(p, k);
+    const k = p.link[i], v = p.vertex[i], { along, outside, coefficients, shift } = zone(p, still, k, rest, v), [joint, near, far, muscle, belly, arc, palm] = rounding(p, k);
     out.along[i] = along;
     out.shift.set(shift, 2 * i);
     out.coefficients.set(coefficients, 3 * i);
     frame(still, k, out.coefficients, 3 * i, F);
     for (let c = 0; c < 3; c++) for (let r = 0; r < 3; r++) out.local[3 * i + r] += F[3 * r + c] * off(v, c, k, along);
     if (outside) out.swell.set([joint * bump(along / Math.max(near, 1e-9)), joint * bump((1 - along) / Math.max(far, 1e-9))], 3 * i);
-    else out.swell[3 * i + 2] = muscle * Math.sin(Math.PI * clip(along, 0, 1) ** (Math.log(0.5) / Math.log(belly))) ** 2;
+    else out.swell[3 * i + 2] = muscle * (p.palm[k] ? palm : 1) * Math.sin(Math.PI * clip(along, 0, 1) ** (Math.log(0.5) / Math.log(belly))) ** 2;
     out.press[i] = outside ? 0 : arc;
   }
   for (let i = 0; i < g; i++) {
     const v = p.gap_vertex[i], pair = [p.links[2 * i], p.links[2 * i + 1]];
-    const [one, two] = pair.map((k) => zone(p, still, k, rest, v));
+    const [one, two] = pair.map((k) => zone(p, still, k, rest, v, true));
     out.alongs.set([one.along, two.along], 2 * i);
     out.gapCoefficients.set([...one.coefficients, ...two.coefficients], 6 * i);
     const length = bridge(p, still, out, i, at, way, F); // for where it goes; its frame needs to know how far across
@@ -135,24 +136,25 @@ function placed(p, rest) {
     bridge(p, still, out, i, at, way, F);
     for (let c = 0; c < 3; c++) for (let r = 0; r < 3; r++) out.gapLocal[3 * i + r] += F[3 * r + c] * (rest[3 * v + c] - at[c] - out.across[i] * way[c]);
     out.width[i] = length;
-    out.fold[i] = two.outside ? (rounding(p, pair[0])[3] + rounding(p, pair[1])[3]) / 2 : 0;
+    for (const k of pair) out.fold[i] += (rounding(p, k)[3] / 2) * (out.gapLocal[3 * i + 1] < 0 ? rounding(p, k)[6] : 1);
   }
   return out;
 }
 
-/** Of link k: joint, near, far, muscle, belly, arc. */
+/** Of link k: joint, near, far, muscle, belly, arc, palm. */
 function rounding({ rounding: all, tuning }, k) {
-  const own = all.subarray(6 * k, 6 * k + 6);
-  return tuning.plain ? [0, own[1], own[2], 0, own[4], 0] : own;
+  const own = all.subarray(7 * k, 7 * k + 7);
+  return tuning.plain ? [0, own[1], own[2], 0, own[4], 0, 0] : own;
 }
 const bump = (u) => (Math.abs(u) < 1 ? Math.cos((Math.PI * u) / 2) ** 2 : 0);
 const clip = (x, low, high) => Math.min(high, Math.max(low, x));
 
 /**
  * Where a point stands on its link: how far along it, whether on the back's side, the coefficients of the frames at the
- * near end, of the link and at the far end, and how far an arc at its ends moves it.
+ * near end, of the link and at the far end, and how far an arc at its ends moves it. In a gap, whose points stand off the
+ * link sideways, back and palm side pass into each other.
  */
-function zone(p, { start, bone, y }, k, rest, v) {
+function zone(p, { start, bone, y }, k, rest, v, gap = false) {
   const [, near, far, , , arc] = rounding(p, k);
   let along = 0, size = 0, height = 0, length = 0;
   for (let c = 0; c < 3; c++) {
@@ -171,7 +173,7 @@ function zone(p, { start, bone, y }, k, rest, v) {
   const outer = clip((along - near) / Math.max(1 - near - far, 1e-9), 0, 1);
   const a = Math.min(ARC * near, 0.5), b = Math.min(ARC * far, 0.5);
   const one = clip(along / Math.max(a, 1e-9), 0, 1), two = clip((1 - along) / Math.max(b, 1e-9), 0, 1), first = (1 - one) ** 2, last = (1 - two) ** 2;
-  const mix = (plain, even, bow) => (1 - arc) * plain + arc * ((1 - up) * even + up * bow);
+  const mix = (plain, even, bow) => (1 - arc) * (gap ? (1 - up) * even + up * plain : plain) + arc * ((1 - up) * even + up * bow);
   return {
     along, outside: true, coefficients: [mix(1 - outer, 1 - inner, first), mix(0, 0, 1 - first - last), mix(outer, inner, last)],
     shift: [-arc * up * a * one * first, arc * up * b * two * last],

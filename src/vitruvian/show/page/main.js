@@ -430,7 +430,7 @@ class Page {
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
-      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), Backspace: press("unselect"),
+      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), 9: press("save-hands"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },

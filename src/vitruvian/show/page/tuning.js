@@ -1,7 +1,7 @@
 // The panel of the hands' parameters: which joints, a slider for each parameter, and what is behind them.
 
 import * as THREE from "three";
-import { el } from "./controls.js";
+import { download, el } from "./controls.js";
 import { TILT, tune } from "./hands.js";
 
 const $ = (id) => document.getElementById(id);
@@ -13,7 +13,7 @@ const CHOICES = {
   place: [["", "All joints"], ["palm", "Palm"], ["knuckle", "Knuckle"], ["middle", "Middle joint"], ["end", "End joint"]],
 };
 const DEGREES = 180 / Math.PI;
-// Number in a link's six parameters (`tilt`: an angle of its own), label, range, what it does.
+// Number in a link's seven parameters (`tilt`: an angle of its own), label, range, what it does.
 const ROWS = [
   ["joint", 0, "Knuckle", 0, 1, "How far the back of a bent joint is pushed out; 1 is the full corner"],
   ["near", 1, "Rounded before", 0, 0.5, "Portion of the bone next to its first joint that is rounded"],
@@ -21,13 +21,14 @@ const ROWS = [
   ["muscle", 3, "Muscle", 0, 1, "How much the palm side of a bent bone swells"],
   ["belly", 4, "Fullest at", 0.2, 0.8, "Where along the bone the muscle swells most"],
   ["arc", 5, "Arc", 0, 1, "How far the back of a bent joint follows a circle; 0 leaves its corner"],
+  ["palm", 6, "Inner palm", 0, 1, "How much of the muscle's swelling the inside of the palm takes, on its bones and where they close in"],
   ["tilt", -1, "Flexion axis", -TILT * DEGREES, TILT * DEGREES, "Degrees that the axis the joint bends about is turned about its bone"],
 ];
 
-/** A state is {rounding (L*6), tilt (L) in radians, plain}; `given` is that of the file. */
+/** A state is {rounding (L*7), tilt (L) in radians, plain}; `given` is that of the file. */
 export class Tuning {
   constructor(page) {
-    Object.assign(this, { page, panel: $("hands-panel"), second: $("hands-second"), reset: $("reset-hands"), view: $("look-hand") });
+    Object.assign(this, { page, panel: $("hands-panel"), second: $("hands-second"), reset: $("reset-hands"), save: $("save-hands"), view: $("look-hand") });
     Object.assign(this, { chosen: { side: "", finger: "", place: "" }, seen: 0 });
     const choosers = el("div", "choosers");
     this.selects = Object.fromEntries(Object.entries(CHOICES).map(([name, options]) => {
@@ -48,6 +49,7 @@ export class Tuning {
     this.second.onchange = () => this.change({ ...this.state, plain: !this.second.checked });
     this.reset.onclick = () => this.change(this.given);
     this.view.onclick = () => this.look();
+    this.save.onclick = () => this.write();
   }
 
   row([name, index, label, low, high, tip]) {
@@ -102,7 +104,7 @@ export class Tuning {
     const { rounding, tilt, plain } = this.state, out = { rounding: rounding.slice(), tilt: tilt.slice(), plain };
     for (const { k } of this.some) {
       if (name === "tilt") out.tilt[k] = x === null ? 0 : x / DEGREES;
-      else out.rounding[6 * k + index] = x ?? this.given.rounding[6 * k + index];
+      else out.rounding[7 * k + index] = x ?? this.given.rounding[7 * k + index];
     }
     this.change(out, key && `hands ${key}`);
   }
@@ -140,26 +142,32 @@ export class Tuning {
   words({ rounding, tilt } = this.state) {
     const out = {}, p = this.figure.skin.hands, text = (x) => Number(x.toFixed(5)).toString();
     for (const { k, joint } of this.links) {
-      const own = rounding.subarray(6 * k, 6 * k + 6);
-      if (!tilt[k] && own.every((x, i) => x === this.given.rounding[6 * k + i])) continue;
+      const own = rounding.subarray(7 * k, 7 * k + 7);
+      if (!tilt[k] && own.every((x, i) => x === this.given.rounding[7 * k + i])) continue;
       const axis = [...p.axis_near.subarray(3 * k, 3 * k + 3)];
       out[joint] = [...ROWS.filter(([, i]) => i >= 0).flatMap(([name, i]) => [name, text(own[i])]), ...(tilt[k] ? ["axis", ...axis.map(text)] : [])].join(" ");
     }
     return out;
   }
 
+  /** What `--hands` of vitruvian convert and contours reads: these parameters of all links that are not as in the file. */
+  write() {
+    const words = JSON.stringify(this.words(), null, 1);
+    download(new Blob([words], { type: "application/json" }), `${this.page.fileName()}-hands.json`);
+  }
+
   update(force = false) {
     const shown = Boolean(this.given) && this.figure.deformer === "hand";
     this.panel.hidden = this.second.disabled = this.view.disabled = !shown;
-    if (!shown) this.reset.disabled = true;
+    if (!shown) this.reset.disabled = this.save.disabled = true;
     if (!shown || (!force && !this.panel.open)) return;
     const some = this.some, { rounding, tilt, plain } = this.state;
     const odd = some.length === 0, joints = new Set(some.map((l) => l.joint)).size;
     this.about.textContent = odd ? "No such joint: a thumb has no middle one." : joints === 1 ? some[0].joint : `${joints} joints together`;
     for (const { name, index, low, high, box, input, value, undo } of this.rows) {
-      const of = (r, t) => some.map(({ k }) => (name === "tilt" ? t[k] * DEGREES : r[6 * k + index])), now = of(rounding, tilt), given = of(this.given.rounding, this.given.tilt);
+      const of = (r, t) => some.map(({ k }) => (name === "tilt" ? t[k] * DEGREES : r[7 * k + index])), now = of(rounding, tilt), given = of(this.given.rounding, this.given.tilt);
       const same = now.every((x) => Math.abs(x - now[0]) < 1e-6), mean = odd ? low : now.reduce((a, b) => a + b, 0) / now.length;
-      input.disabled = value.disabled = odd || (plain && ["joint", "muscle", "belly", "arc"].includes(name));
+      input.disabled = value.disabled = odd || (plain && ["joint", "muscle", "belly", "arc", "palm"].includes(name));
       if (input !== document.activeElement || force) input.value = mean;
       if (value !== document.activeElement || force) value.value = same && !odd ? mean.toFixed(name === "tilt" ? 0 : 2).replace(/^-0$/, "0") : "";
       value.placeholder = odd ? "" : "various";
@@ -169,7 +177,8 @@ export class Tuning {
       undo.disabled = now.every((x, i) => x === given[i]);
     }
     this.second.checked = !plain;
-    this.reset.disabled = !plain && !Object.keys(this.words()).length;
+    this.save.disabled = !Object.keys(this.words()).length;
+    this.reset.disabled = !plain && this.save.disabled;
   }
 }
 
