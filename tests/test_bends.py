@@ -18,8 +18,9 @@ from vitruvian.body.types import Body
 from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling.contours import contours, tuned
+from vitruvian.modeling.contours import contours
 from vitruvian.modeling.fans import Fan, fan
+from vitruvian.modeling.tuning import tuned
 
 DOWN = np.array([0.0, -1.0, 0.0])
 ELBOW, KNEE = ("elbow", "upperarm", "forearm", -1), ("knee", "thigh", "calf", 1)

@@ -14,9 +14,10 @@ from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.quality import _boundary, _weld
 from vitruvian.errors import VitruvianError, VitruvianWarning
-from vitruvian.modeling.contours import contoured, tuned
+from vitruvian.modeling.contours import contoured
 from vitruvian.modeling.detail import coarser
 from vitruvian.modeling.trials import _bare, trials
+from vitruvian.modeling.tuning import tuned
 from vitruvian.motion.names import joint_index
 from vitruvian.stage.actor import Actor
 

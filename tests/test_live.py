@@ -24,8 +24,8 @@ from vitruvian.formats.live import CLOCK, SCRIPT, Live, _below, live_scene
 from vitruvian.formats.live_parts import levels
 from vitruvian.hanim.graph import Node, Proto
 from vitruvian.hanim.graph import Route as SceneRoute
-from vitruvian.modeling.contours import tuned
 from vitruvian.modeling.lighter import lightened
+from vitruvian.modeling.tuning import tuned
 from vitruvian.motion.tracks import tracks_of
 from vitruvian.motion.types import Motion
 from xite import complaints, page_of

@@ -19,7 +19,7 @@ from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Morph, Weights
 from vitruvian.deform.deformer import NAMES, deformer
 from vitruvian.deform.quality import Gauge, turned
-from vitruvian.modeling.contours import tuned
+from vitruvian.modeling.tuning import tuned
 from vitruvian.show.actors import actors_of, mesh_message
 from vitruvian.show.comparison import default_pose
 from vitruvian.show.server import FOLDER

@@ -58,10 +58,11 @@ def contours(
     """Turn a body into contour surfaces: limbs, torso and neck in loops that turn by shares of the joints' rotations."""
     from vitruvian.cli.people import subject
     from vitruvian.formats import registry
-    from vitruvian.modeling.contours import TILTED, contoured, tuned
+    from vitruvian.modeling.contours import TILTED, contoured
     from vitruvian.modeling.fans import tilts
     from vitruvian.modeling.organising import segments
     from vitruvian.modeling.trials import trials
+    from vitruvian.modeling.tuning import tuned
 
     form = registry.extension(out)
     if live and form not in registry.SCENES and form != ".json":

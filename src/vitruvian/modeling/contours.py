@@ -17,19 +17,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.contours import Contours, zone_counts
+from vitruvian.body.contours import Contours
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
-from vitruvian.hanim.humanoid import RAMPS, ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
+from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
 from vitruvian.modeling.fans import Fan, fan, tilts
 from vitruvian.modeling.hems import Hemmed, clear, hemmed
 from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 from vitruvian.modeling.throats import HEAD, NECK, Throat, throat
+from vitruvian.modeling.tuning import assign
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
 _SHADE = 0.55  # colour of the skin under a hem, over the garment's
@@ -93,7 +94,7 @@ def contoured(
     made = _limbs(cuts, density, tilts(humanoid, tilt, list(TILTED)))
     for m in made:
         for field, value in (("diversion", diversion), ("mitre", mitre), ("recentre", recentre), ("ramp", ramp)):
-            _set(m.surface, field, value)
+            assign(m.surface, field, value)
     for part in (_torso, partial(_neck, throat=neck)):
         try:
             made += part(cuts, density)
@@ -453,47 +454,6 @@ def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:
     part = skin.parts[number] if number >= 0 else Part("contours", 0, 0)
     found = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity)
     return replace(found, name=part.name, double_sided=True, node=None)
-
-
-def tuned(humanoid: Humanoid, changes: Mapping[str, Mapping[str, float | str]]) -> Humanoid:
-    """The same contour body with other parameters: {surface: {parameter: value}}, of `fixed_upper`, `upper`, `lower`,
-    `extra` (whole numbers: contours; others: lengths in metres along the surface), `bulge`, `diversion` and `mitre` (0..1),
-    `recentre` (0 or 1), and `ramp`. `tilt` is none of them: it says where contours are, so `contours` takes it.
-
-    The surfaces of `humanoid` itself are changed. Raises VitruvianError for surfaces and parameters it does not have.
-    """
-    surfaces = {c.name: c for s in humanoid.segments() for c in s.contours}
-    for name, values in changes.items():
-        require(name in surfaces, "surface", f"one of {', '.join(surfaces) or 'none'}", repr(name))
-        for field, value in values.items():
-            _set(surfaces[name], field, value)
-    return humanoid
-
-
-_COUNTED = ("extra", "fixed_upper", "lower", "upper")
-_PARAMETERS = sorted((*_COUNTED, "bulge", "diversion", "mitre", "ramp", "recentre"))
-
-
-def _set(surface: ContourSurface, field: str, value: float | str) -> None:
-    title = f"{surface.name} {field}"
-    require(field in _PARAMETERS, f"{surface.name} parameter", f"one of {', '.join(_PARAMETERS)}", repr(field))
-    if field == "ramp":
-        require(value in RAMPS, title, " or ".join(RAMPS), repr(value))
-        surface.ramp = str(value)
-        return
-    require(not isinstance(value, str), title, "a number", repr(value))
-    if field in _COUNTED:
-        whole = isinstance(value, int | np.integer)
-        number = int(value) if whole else zone_counts(surface.points, **{field: float(value)})[field]
-        most = len(surface.points)
-        require(0 <= number <= most, title, f"0 to {most} contours", number)
-        setattr(surface, field, number)
-    elif field == "recentre":
-        require(value in (0, 1), title, "0 or 1", value)
-        surface.recentre = bool(value)
-    else:
-        require(0 <= float(value) <= 1, title, "0 to 1", value)
-        setattr(surface, field, float(value))
 
 
 def _error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:
