@@ -237,8 +237,11 @@ def test_tilt_and_recentre_are_kept_in_files(small, kind, tmp_path):
         assert np.abs(ours - theirs).max() < 1e-6
     if kind == ".x3d":  # sliced again, contours fan as they did
         for tilt, wanted in ((None, [0.7, 0.25]), (0.1, [0.1] * 8)):
-            sliced = contours(again, density=0.5, tilt=tilt)
-            assert [c.tilt for s in sliced.segments() for c in s.contours if c.tilt] == wanted
+            sliced = [
+                c for s in contours(again, density=0.5, tilt=tilt, ramp="smoothstep").segments() for c in s.contours
+            ]
+            assert [c.tilt for c in sliced if c.tilt] == wanted
+            assert {c.ramp for c in sliced if c.tilt} == {"smoothstep"}
 
 
 def test_parts_with_other_parameters_still_meet(small):

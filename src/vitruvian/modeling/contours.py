@@ -64,7 +64,9 @@ def contours(
     tilt: float | Mapping[str, float] | None = None,
 ) -> Humanoid:
     """The contour form of a humanoid: see `contoured`."""
-    return contoured(humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, tilt=tilt).humanoid
+    return contoured(
+        humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, ramp=ramp, tilt=tilt
+    ).humanoid
 
 
 def contoured(
