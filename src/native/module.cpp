@@ -287,7 +287,8 @@ Bound<vt::ContourProgram> bind_contours(
     check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
     check(twist.shape(0) == step.shape(0), "program does not fit together");
     check(recentre.shape(0) == base.shape(0) && limb.shape(0) == base.shape(0), "program does not fit together");
-    check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0) && seam.shape(0) == base.shape(0), "program does not fit together");
+    check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0), "program does not fit together");
+    check(seam.shape(0) == base.shape(0), "program does not fit together");
     const vt::ContourProgram program{links, contours, int64_t(step.shape(0)), center.data(), link.data(), axis.data(),
                                      bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
                                      middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),

@@ -23,7 +23,7 @@ from vitruvian.deform.bind import Influences, bind, plain_buckets
 from vitruvian.deform.hybrid import Painted
 from vitruvian.deform.motions import NEAR, RIGID, factor
 from vitruvian.deform.operators import Linear, Rigid
-from vitruvian.deform.survey import Slabs, slabs, surveyed
+from vitruvian.deform.survey import Slabs, slabs, surveyed, vector_areas
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
@@ -185,8 +185,7 @@ def _bone(body: Body, near: int, far: int) -> Floats:
 
 def normals(points: Floats) -> Floats:
     """(C,3) unit normals of contours (C,P,3), by their vector areas."""
-    around = points - points.mean(axis=1, keepdims=True)
-    area = np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1)
+    area = 2 * vector_areas(points)
     size = np.linalg.norm(area, axis=1, keepdims=True)
     return np.where(size > 1e-15, area / np.where(size > 0, size, 1), [0.0, 1.0, 0.0])
 

@@ -24,15 +24,19 @@ class Slabs:
     free: Floats
 
 
+def vector_areas(points: Floats) -> Floats:
+    """(C,3) vector areas of contours (C,P,3)."""
+    around = points - points.mean(axis=1, keepdims=True)
+    return np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1) / 2
+
+
 def slabs(body: Body, surfaces: Collection[Contours]) -> Slabs:
     """What the volume survey needs. Halves of a torso are left alone: their areas are no sections."""
     pairs, areas, free = [], [], []
     first = 0
     for surface in surfaces:
         count = len(surface)
-        points = body.skin.rest[surface.vertices]
-        around = points - points.mean(axis=1, keepdims=True)
-        areas.append(np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1) / 2)
+        areas.append(vector_areas(body.skin.rest[surface.vertices]))
         if surface.closed:
             pairs.append(first + np.stack([np.arange(count - 1), np.arange(1, count)], axis=1))
             inner = np.ones(count)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +54,9 @@ class ContourBody:
     scale: float = 1.0
 
 
-def contours(
-    humanoid: Humanoid,
-    *,
-    density: float = 1.0,
-    mitre: float = 0.25,
-    diversion: float = 0.0,
-    recentre: bool = False,
-    ramp: str = "linear",
-    tilt: float | Mapping[str, float] | None = None,
-) -> Humanoid:
-    """The contour form of a humanoid: see `contoured`."""
-    return contoured(
-        humanoid, density=density, mitre=mitre, diversion=diversion, recentre=recentre, ramp=ramp, tilt=tilt
-    ).humanoid
+def contours(humanoid: Humanoid, **options: Any) -> Humanoid:
+    """The contour form of a humanoid; options as for `contoured`."""
+    return contoured(humanoid, **options).humanoid
 
 
 def contoured(

@@ -62,7 +62,7 @@ class Refined:
         """(T,3): faces cut along their diagonals."""
         f = self.faces
         both = np.stack([f[:, [0, 1, 2]], f[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-        return np.ascontiguousarray(both[[len(set(t)) == 3 for t in both.tolist()]], np.int32)
+        return np.ascontiguousarray(both[(both != np.roll(both, -1, axis=1)).all(axis=1)], np.int32)
 
     def corners(self, values: Floats) -> Floats:
         """(F,4,K) at corners of faces, of values (N,4,K) at corners of patches, a face's way round: texture coordinates
@@ -112,11 +112,11 @@ def levels(patches: Patches, tolerance: float, most: int = DEEPEST) -> Whole:
     """(N,) how often each patch is halved until all its parts are flat to `tolerance` (m), `most` times at most."""
     require(tolerance > 0, "tolerance", "metres above 0", tolerance)
     out = np.zeros(len(patches.nets), np.int64)
-    for n in range(len(out)):
-        net = patches.points[patches.nets[n]][None]
-        while out[n] < most and (bent := flatness(net) > tolerance).any():
-            net = halved(net[bent]).reshape(-1, 4, 4, 3)
-            out[n] += 1
+    net, owner = patches.points[patches.nets], np.arange(len(out))
+    for _ in range(most):
+        bent = flatness(net) > tolerance
+        out[np.unique(owner[bent])] += 1
+        net, owner = halved(net[bent]).reshape(-1, 4, 4, 3), np.repeat(owner[bent], 4)
     return out
 
 
