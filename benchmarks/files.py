@@ -24,6 +24,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+from _rows import main, row
+
 ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT.parent / "shared" / "data" / "motion" / "cmu_01_01_playground.bvh"
 
@@ -183,18 +185,12 @@ def _processor(work: Callable[[], object], times: int) -> float:
 
 def _limit(name: str, ours: float, limit: float, goal: str) -> dict:
     """A row against a time that it may take; the ratio says how much time is to spare."""
-    return {
-        "name": name, "ours_s": ours, "peer": "allowed", "peer_s": limit, "ratio": limit / ours, "goal": goal,
-        "holds": ours <= limit,
-    }  # fmt: skip
+    return row(name, ours, "allowed", limit, limit / ours, goal, ours <= limit)
 
 
 def _against(name: str, ours: float, peer: str, theirs: float, least: float = 1) -> dict:
     """A row against another program's time."""
-    return {
-        "name": name, "ours_s": ours, "peer": peer, "peer_s": theirs, "ratio": theirs / ours, "goal": f">= {least:g}",
-        "holds": theirs >= least * ours,
-    }  # fmt: skip
+    return row(name, ours, peer, theirs, theirs / ours, f">= {least:g}", theirs >= least * ours)
 
 
 def clip_rows(quick: bool = False) -> list[dict]:
@@ -211,18 +207,9 @@ def clip_rows(quick: bool = False) -> list[dict]:
         times = medians(runs, 5 if quick else 25)
         size = path.stat().st_size / 1e6
     ours, peer = times[0], times[1] if read_bvh_file else None
-    return [
-        {
-            "name": f"load BVH, {size:.1f} MB",
-            "ours_s": ours,
-            "peer": "pybvh 0.9",
-            "peer_s": peer,
-            "ratio": None if peer is None else peer / ours,
-            "goal": ">= 1",
-            "holds": peer is not None and peer >= ours,
-        },
-        *_usd(quick),
-    ]
+    ratio = None if peer is None else peer / ours
+    name = f"load BVH, {size:.1f} MB"
+    return [row(name, ours, "pybvh 0.9", peer, ratio, ">= 1", ratio is not None and ratio >= 1), *_usd(quick)]
 
 
 def _usd(quick: bool) -> list[dict]:
@@ -242,8 +229,7 @@ def _usd(quick: bool) -> list[dict]:
         size = paths[0].stat().st_size / 1e6
     ratio = peer / ours
     name = f"write USD, {len(b.skin.rest):,} vertices, {len(clip.motion)} frames, {size:.1f} MB"
-    row = {"name": name, "ours_s": ours, "peer": "GLB", "peer_s": peer, "ratio": ratio}
-    return [{**row, "goal": ">= 0.4", "holds": ratio >= 0.4}]
+    return [row(name, ours, "GLB", peer, ratio, ">= 0.4", ratio >= 0.4)]
 
 
 def medians(runs: list[Callable[[], object]], times: int) -> list[float]:
@@ -278,5 +264,4 @@ def _clip(path: Path) -> Path:
 
 
 if __name__ == "__main__":
-    for row in rows():
-        print(row)
+    main(__doc__, rows)

@@ -5,11 +5,11 @@ Run: python benchmarks/hands.py [--quick]
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
-from skin import interleaved, row
+from _rows import main, row
+from skin import interleaved
 
 import vitruvian as vt
 from vitruvian.body.kinematics import pose_matrices
@@ -133,11 +133,5 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
     return out
 
 
-def main() -> None:
-    for r in rows("--quick" in sys.argv):
-        mark = "ok  " if r["holds"] else "MISS"
-        print(f"{mark} {r['name']:52s} {r['ours_s']:.3e}  {r['peer']} {r['peer_s']:.3e}  {r['ratio']:9.3g} {r['goal']}")
-
-
 if __name__ == "__main__":
-    main()
+    main(__doc__, rows)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
-from skin import interleaved, row
+from _rows import main, row
+from skin import interleaved
 
 from vitruvian.body import kinematics
 from vitruvian.body.rotations import normalize
@@ -40,5 +39,4 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
 
 
 if __name__ == "__main__":
-    for r in rows("--quick" in sys.argv):
-        print(f"{'ok  ' if r['holds'] else 'MISS'} {r['name']}, {r['ratio']:.1f} times the {r['peer']}; {r['goal']}")
+    main(__doc__, rows)

@@ -11,9 +11,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import sys
 import tempfile
 from pathlib import Path
+
+from _rows import main, row
 
 SLOW_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 DIST = Path(__file__).resolve().parent.parent / ".referee" / "node_modules" / "x_ite" / "dist"
@@ -100,13 +101,12 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
             tab = browser.new_page()
             alone = tab.evaluate(ALONE, [code, fields, events])
             tab.close()
-            out.append({"name": f"{name}: script alone", "points": points, "ours_s": alone / 1000, "goal": "<= 0.002",
-                        "holds": alone <= 2})  # fmt: skip
+            title = f"{name}, {points}: script alone, a pose"
+            out.append(row(title, alone / 1000, "allowed", 0.002, 2 / alone, ">= 1", alone <= 2))
             for size in sizes:
                 for smooth in (True, False):
                     for move in (False, True):
-                        row = measured(browser, text, f"{name}, {points}", size, move, smooth, quick)
-                        out.append(row)
+                        out.append(measured(browser, text, f"{name}, {points}", size, move, smooth, quick))
         browser.close()
     return out
 
@@ -141,18 +141,22 @@ def measured(
     tab.close()
     best = times[: max(1, len(times) // 10)]
     frames = len(times) + 1
-    rate, quickest = 1000 / times[len(times) // 2], 1000 * len(best) / sum(best)
-    return {
-        "name": f"{name}, {width}x{height}, {'moving' if move else 'still'}{'' if smooth else ', not antialiased'}",
-        "frames_s": rate,
-        "quiet_frames_s": 1000 / min(p[len(p) // 2] for p in parts),
-        "best_frames_s": quickest,
-        "load": os.getloadavg()[0],
-        "cpu_ms": {k: round((after[k] - before[k]) / frames * 1000, 1) for k in after},
-        "ours_s": 1 / rate,
-        "goal": f">= {GOAL:.0f} frames/s",
-        "holds": rate >= GOAL,
-    }
+    rate = 1000 / times[len(times) // 2]
+    title = f"{name}, {width}x{height}, {'moving' if move else 'still'}{'' if smooth else ', not antialiased'}"
+    return row(
+        f"{title}: {rate:.1f} frames/s",
+        1 / rate,
+        "allowed",
+        1 / GOAL,
+        rate / GOAL,
+        ">= 1",
+        rate >= GOAL,
+        frames_s=rate,
+        quiet_frames_s=1000 / min(p[len(p) // 2] for p in parts),
+        best_frames_s=1000 * len(best) / sum(best),
+        load=os.getloadavg()[0],
+        cpu_ms={k: round((after[k] - before[k]) / frames * 1000, 1) for k in after},
+    )
 
 
 def processor() -> dict[str, float]:
@@ -178,16 +182,5 @@ def processor() -> dict[str, float]:
     return out
 
 
-def main() -> None:
-    for row in rows("--quick" in sys.argv):
-        if "frames_s" in row:
-            cpu = row["cpu_ms"]
-            print(f"{row['name']}: {row['frames_s']:.1f} frames/s, quietest {row['quiet_frames_s']:.1f}, "
-                  f"best {row['best_frames_s']:.1f}, processor {cpu['page']} + {cpu['drawing']} ms a frame, "
-                  f"load {row['load']:.1f}")  # fmt: skip
-        else:
-            print(f"{row['name']} ({row['points']}): {row['ours_s'] * 1000:.2f} ms a pose")
-
-
 if __name__ == "__main__":
-    main()
+    main(__doc__, rows)

@@ -12,6 +12,7 @@ import xml.etree.ElementTree as etree
 from collections.abc import Callable
 
 import numpy as np
+from _rows import main, row
 
 from vitruvian.formats.vrml import parse_vrml
 from vitruvian.formats.vrml_writer import print_vrml
@@ -93,20 +94,10 @@ def rows(quick: bool = False) -> list[dict]:
         work()
         ours, peer = median(work, times), median(lambda: etree.fromstring(xml), times)
         found.append(
-            {
-                "name": name,
-                "ours_s": ours,
-                "peer": "xml.etree, parsing the XML only",
-                "peer_s": peer,
-                "ratio": peer / ours,
-                "goal": f"<= {goal:g} s",
-                "holds": ours <= goal,
-            }
+            row(name, ours, "xml.etree, parsing the XML only", peer, peer / ours, f"<= {goal:g} s", ours <= goal)
         )
     return found
 
 
 if __name__ == "__main__":
-    for row in rows():
-        ours, peer = row["ours_s"] * 1e3, row["peer_s"] * 1e3
-        print(f"{row['name']:32} {ours:7.1f} ms  goal {row['goal']}  xml.etree {peer:.1f} ms")
+    main(__doc__, rows)

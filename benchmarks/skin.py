@@ -7,11 +7,11 @@ several runs that falls on the first of them only. Run: python benchmarks/skin.p
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
+from _rows import main, row
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import from_vector
@@ -92,20 +92,6 @@ class Usd:
         result = np.array(self.points)
         self.points = self.vectors(self.rest)
         return result
-
-
-def row(
-    name: str, ours: float | None, peer: str, peer_s: float | None, ratio: float, goal: str, holds: bool
-) -> dict[str, object]:
-    return {
-        "name": name,
-        "ours_s": ours,
-        "peer": peer,
-        "peer_s": peer_s,
-        "ratio": float(f"{ratio:.3g}"),
-        "goal": goal,
-        "holds": holds,
-    }
 
 
 def rows(quick: bool = False) -> list[dict[str, object]]:
@@ -230,12 +216,5 @@ def _batch(seconds: float) -> list[dict[str, object]]:
     return [row("linear, 100 frames of 10k at once", t["batch"], "one by one", t["singly"], ratio, ">= 2", ratio >= 2)]
 
 
-def main() -> None:
-    for r in rows("--quick" in sys.argv):
-        mark = "ok  " if r["holds"] else "MISS"
-        ours, peer = ("" if r[key] is None else f"{r[key]:.3e}" for key in ("ours_s", "peer_s"))
-        print(f"{mark} {r['name']:62s} {ours:9s}  {r['peer']} {peer}  {r['ratio']:9.3g} {r['goal']}")
-
-
 if __name__ == "__main__":
-    main()
+    main(__doc__, rows)

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from _rows import main, row
+
 SLOW_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 BODY = (
     '<X3D version="4.0" profile="Immersive"><Scene><HAnimHumanoid DEF="h" name="h" version="2.0" loa="0">'
@@ -33,15 +35,8 @@ def start(repeats: int) -> dict:
                 subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
                 taken.append(time.perf_counter() - begin)
     ours, numpy = (statistics.median(t) for t in times)
-    return {
-        "name": "vitruvian info on a small file, whole process",
-        "ours_s": ours,
-        "peer": "python -c 'import numpy'",
-        "peer_s": numpy,
-        "ratio": ours / numpy,
-        "goal": "<= 4",
-        "holds": ours <= 4 * numpy,
-    }
+    name = "vitruvian info on a small file, whole process"
+    return row(name, ours, "python -c 'import numpy'", numpy, ours / numpy, "<= 4", ours <= 4 * numpy)
 
 
 def page(seconds: float) -> dict:
@@ -70,15 +65,8 @@ def page(seconds: float) -> dict:
             time.sleep(1)
         browser.close()
     fps = statistics.median(drawn)
-    return {
-        "name": f"page, {len(body.skin.rest):,} vertices, software GL, 240x180: {fps:.0f} frames/s",
-        "ours_s": 1 / fps,
-        "peer": None,
-        "peer_s": None,
-        "ratio": fps,
-        "goal": ">= 30",
-        "holds": fps >= 30,
-    }
+    name = f"page, {len(body.skin.rest):,} vertices, software GL, 240x180: {fps:.0f} frames/s"
+    return row(name, 1 / fps, None, None, fps, ">= 30", fps >= 30)
 
 
 def runtime(seconds: float) -> list[dict]:
@@ -125,24 +113,19 @@ def runtime(seconds: float) -> list[dict]:
 
         return _pairs(direct, staged, seconds)
 
-    rows = []
+    peer, found = "pose, deformer directly", []
     for title, normals in (("", False), (", with normals", True)):
         a, b, more = beside(whole, normals)
-        rows.append({
-            "name": f"Stage, full body of 13k vertices{title}, log", "ours_s": b, "peer": "pose, deformer directly",
-            "peer_s": a, "ratio": 1 + more / a, "goal": "<= 1.05", "holds": more <= 0.05 * a,
-        })  # fmt: skip
+        name = f"Stage, full body of 13k vertices{title}, log"
+        found.append(row(name, b, peer, a, 1 + more / a, "<= 1.05", more <= 0.05 * a))
     a, b, more = beside(plain, False)
-    rows.append({
-        "name": f"Stage adds {more * 1e6:.0f} us to 13k vertices without displacers", "ours_s": b,
-        "peer": "pose, deformer directly", "peer_s": a, "ratio": more * 1e6, "goal": "<= 50", "holds": more <= 50e-6,
-    })  # fmt: skip
+    name = f"Stage adds {more * 1e6:.0f} us to 13k vertices without displacers"
+    found.append(row(name, b, peer, a, more * 1e6, "<= 50", more <= 50e-6))
     a, b, _ = _pairs(stage_of(plain, 4).step, stage_of(plain, 16).step, seconds)
-    rows.append({
-        "name": "Stage, 16 actors of 13k vertices, each", "ours_s": b / 16, "peer": "4 actors, each", "peer_s": a / 4,
-        "ratio": (b / 16) / (a / 4), "goal": "<= 1.2", "holds": b / 16 <= 1.2 * a / 4,
-    })  # fmt: skip
-    return rows
+    each, few = b / 16, a / 4
+    name = "Stage, 16 actors of 13k vertices, each"
+    found.append(row(name, each, "4 actors, each", few, each / few, "<= 1.2", each <= 1.2 * few))
+    return found
 
 
 def _pairs(one: Callable[[], object], two: Callable[[], object], seconds: float) -> tuple[float, float, float]:
@@ -170,16 +153,12 @@ def demo() -> dict:
         command = [sys.executable, "-m", "vitruvian", "demo", "--no-open", "--out", folder]
         subprocess.run(command, check=True, capture_output=True)
         taken = time.perf_counter() - begin
-    return {
-        "name": "vitruvian demo, all files",
-        "ours_s": taken,
-        "peer": None,
-        "peer_s": None,
-        "ratio": taken,
-        "goal": "<= 60 s",
-        "holds": taken <= 60,
-    }
+    return row("vitruvian demo, all files", taken, None, None, taken, "<= 60 s", taken <= 60)
 
 
 def rows(quick: bool = False) -> list[dict]:
     return [*runtime(1 if quick else 4), start(5 if quick else 15), page(5 if quick else 15), demo()]
+
+
+if __name__ == "__main__":
+    main(__doc__, rows)

@@ -189,23 +189,27 @@ def bench(
         assert spec and spec.loader
         module = module_from_spec(spec)
         spec.loader.exec_module(module)
-        rows += module.rows(quick=quick)
+        found = module.rows(quick=quick)
+        rows += found
+        if not as_json:
+            print("\n".join(map(benchmark_line, found)), flush=True)  # at once: the next one may take minutes
     machine = {
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
         "system": platform.system(),
     }
-    emit({"machine": machine, "rows": rows}, "\n".join(map(_row, rows)), as_json)
+    if as_json:
+        emit({"machine": machine, "rows": rows}, "", True)
 
 
-def _row(row: dict[str, Any]) -> str:
-    """One benchmark as a line of text."""
+def benchmark_line(row: dict[str, Any]) -> str:
+    """One row of a benchmark as a line of text."""
 
     def seconds(value: float | None) -> str:
-        return "-" if value is None else f"{value * 1000:.3f} ms"
+        return "-" if value is None else f"{value * 1000:.4g} ms"
 
     verdict = "holds" if row["holds"] else "MISSED"
     return (
         f"{row['name']:<48} {seconds(row['ours_s']):>12}  {row['peer'] or '-':<24} {seconds(row['peer_s']):>12}  "
-        f"{row['ratio']:>10.3g}  {row['goal']:<10} {verdict}"
+        f"{'-' if row['ratio'] is None else row['ratio']:>10}  {row['goal']:<10} {verdict}"
     )
