@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -383,3 +385,12 @@ def test_bvh_to_hanim_to_bvh(shared, tmp_path):
     back = read_bvh(tmp_path / "out.bvh")
     pick = [back.skeleton.index[n] for n in out.skeleton.names]
     assert np.abs(places(back)[:, pick] - places(out)).max() < 1e-4
+
+
+def test_a_single_pose_stands_on_the_floor():
+    """One frame with its hips at the origin, as programs write poses: the lower foot is put on the floor."""
+    skeleton = figure(1)
+    clip = walk(skeleton)
+    pose = replace(clip, rotation=clip.rotation[:1], translation=clip.translation[:1] - [0.0, 1.3, 0.0], loop=False)
+    assert abs(sole_points(retarget(pose, skeleton))[..., 1].min()) < 1e-9
+    assert sole_points(retarget(pose, skeleton, feet=False))[..., 1].min() < -1

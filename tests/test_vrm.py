@@ -13,11 +13,13 @@ import vitruvian as vt
 from gltf_maker import BONES, Foreign
 from gltf_player import Player
 from vitruvian.body.kinematics import joint_matrices
+from vitruvian.body.rotations import inverse
 from vitruvian.errors import VitruvianError
-from vitruvian.formats.vrm_pose import REQUIRED
+from vitruvian.formats.vrm_pose import REQUIRED, t_turns, vrm_bones
 from vitruvian.formats.vrm_tables import UNITS, expressions, meta_of
 from vitruvian.hanim.humanoid import Humanoid, Joint
 from vitruvian.motion.rigs import rig
+from vitruvian.motion.turns import local_rotations
 
 
 @pytest.fixture(scope="module")
@@ -86,18 +88,10 @@ def test_arms_go_back_to_where_they_were(written: tuple[Path, dict], person: Hum
     ours, back = vt.pack(person), vt.pack(vt.load(path))
     used = np.unique(ours.skin.triangles)
     s = back.skeleton
-    a, b = ours.skeleton.centers, s.centers
-    rotation = np.tile([0.0, 0, 0, 1], (1, len(s), 1))
-    from vitruvian.body.rotations import between, multiply
-
-    for side in "lr":
-        i, k = s.index[f"{side}_shoulder"], s.index[f"{side}_elbow"]
-        rotation[0, i] = between(b[k] - b[i], a[k] - a[i])
-        w = s.index[f"{side}_radiocarpal"]
-        lowered = rotation[0, i]
-        elbow = between(b[w] - b[k], _rotated_back(lowered, a[w] - a[k]))
-        rotation[0, k] = elbow
-        assert multiply(lowered, elbow).shape == (4,)
+    turns = t_turns(ours.skeleton, vrm_bones(ours.skeleton))
+    local = local_rotations(ours.skeleton.parents, inverse(turns)[None])[0]
+    rotation = local[[ours.skeleton.index[n] for n in s.names]][None]
+    assert np.abs(s.centers[s.index["l_radiocarpal"]][0]) > 0.5  # a T it is
     moved = joint_matrices(s, vt.Motion(s, 30, rotation, np.zeros((1, 3))))[0]
     p = np.concatenate([back.skin.rest, np.ones((len(back.skin.rest), 1))], -1)
     w = back.skin.weights
@@ -105,12 +99,6 @@ def test_arms_go_back_to_where_they_were(written: tuple[Path, dict], person: Hum
     np.add.at(shown, w.vertex, w.weight[:, None] * np.einsum("nab,nb->na", moved[w.joint][:, :3], p[w.vertex]))
     apart = np.linalg.norm(shown - ours.skin.rest[used], axis=1)
     assert apart.max() < report["rest_error_m"] + 1e-4 < 0.04 and np.percentile(apart, 80) < 1e-5
-
-
-def _rotated_back(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    from vitruvian.body.rotations import inverse, rotate
-
-    return rotate(inverse(q), v)
 
 
 def test_expressions_of_the_person(written: tuple[Path, dict]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.seams import creases, face_normals, split_seams
 from vitruvian.body.types import Body, Floats, Part, Skin
 from vitruvian.errors import VitruvianError
@@ -42,10 +43,11 @@ def write_glb(
     """Write a Clip, Humanoid, Body or Mesh as GLB and report what the format could not carry.
 
     influences: joints per vertex, 4 (every player) or 8 (JOINTS_1, WEIGHTS_1, which many players ignore).
-    The report: `vertices triangles joints bytes`; `pruned_weights` vertices that lost influences,
-    `largest_dropped_weight`; `max_vertex_error_m` and `rms_vertex_error_m` of that over `poses` poses (rest and every
-    frame, or 100 random ones); `deformer` and `deformer_difference_m`, the largest distance between the clip's own
-    deformer and the linear skin that players show; `displacer_error_m`; `lost`, a list of sentences.
+    The report: `vertices triangles joints bytes`; `pruned_weights` vertices that lost influences and
+    `largest_dropped_weight`, what the largest leave out at most; `max_vertex_error_m` and `rms_vertex_error_m` of that
+    over `poses` poses (rest and every frame, or 100 random ones); `deformer` and `deformer_difference_m`, the largest
+    distance between the clip's own deformer and the linear skin that players show; `displacer_error_m`; `lost`, a list
+    of sentences.
     Raises `VitruvianError` when there is nothing to write or `influences` is neither 4 nor 8.
     """
     if influences not in (4, 8):
@@ -106,7 +108,7 @@ def _skinned(
     edges = creases(skin.rest, skin.triangles, skin.parts)
     if edges is not None:
         source, triangles, uv, normals = _split_creases(edges, skin, source, triangles, uv)
-    joints, weights, facts = limit(skin.weights, len(skeleton), influences)
+    joints, weights, facts = limit(body, influences, None if motion is None else joint_matrices(skeleton, motion))
     report.update(facts)
     report.update(measure(body, motion, joints, weights, deformer))
     inverse = np.tile(np.eye(4), (len(skeleton), 1, 1))

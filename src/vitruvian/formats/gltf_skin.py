@@ -13,6 +13,8 @@ from vitruvian.body.rotations import from_vector
 from vitruvian.body.types import Body, Floats, Ints, Weights
 from vitruvian.motion.types import Motion
 
+CHUNK = 1024  # vertices whose weights are fitted at a time
+
 
 def completed(weights: Weights, joints: int) -> Weights:
     """Rows that sum to one: what is missing goes to one more joint, number `joints`, that never moves.
@@ -29,23 +31,77 @@ def completed(weights: Weights, joints: int) -> Weights:
     return Weights(full.row, full.joint, full.weight / full.sums[full.vertex])
 
 
-def limit(weights: Weights, joints: int, count: int) -> tuple[Ints, Floats, dict[str, Any]]:
-    """The `count` largest influences of each vertex, divided by their sum: (V,count) joints and weights, and the facts.
+def limit(body: Body, count: int, played: Floats | None = None) -> tuple[Ints, Floats, dict[str, Any]]:
+    """At most `count` influences for each vertex that move it much as all did: (V,count) joints, weights, the facts.
 
-    Ties go to the lower joint; places without weight name joint 0. Joint number `joints` stands for "stays at rest".
+    The smallest influences are not simply left out: one after another, the weight of a joint goes to the joint of the
+    same vertex where that changes its place least over trial poses, then weights are fitted anew to where the vertex
+    was. Trial poses are random, and up to 24 of the joint matrices `played` (F,J,4,4), which matter more. Rows sum to
+    1; places without weight name joint 0, and joint number J stands for "stays at rest". A vertex with no more than
+    `count` keeps its weights as they are.
     """
-    full = completed(weights, joints)
+    skin, joints = body.skin, len(body.skeleton)
+    full = completed(skin.weights, joints)
     chosen, kept = full.top(count)
-    total = kept.sum(axis=1, keepdims=True)
     facts: dict[str, Any] = {
         "pruned_weights": int((full.counts > count).sum()),
-        "largest_dropped_weight": float(max(1 - total.min(initial=1.0), 0.0)),
-        "overweight_vertices": int((weights.sums > 1 + 1e-4).sum()),
+        "largest_dropped_weight": float(max(1 - kept.sum(axis=1).min(initial=1.0), 0.0)),
+        "overweight_vertices": int((skin.weights.sums > 1 + 1e-4).sum()),
     }
-    kept = (kept / total).astype(np.float32).astype(np.float64)
+    rows = np.flatnonzero(full.counts > count)
+    if len(rows):
+        among, weights = full.top(int(full.counts.max()))
+        trials = _trials(body, played)
+        rest = np.concatenate([skin.rest, np.ones((len(skin.rest), 1))], axis=1)
+        for start in range(0, len(rows), CHUNK):
+            r = rows[start : start + CHUNK]
+            # (n, k, 3F): where each joint alone would have the vertex in every trial pose
+            alone = np.einsum("fnkab,nb->nkfa", trials[:, among[r]], rest[r]).reshape(len(r), among.shape[1], -1)
+            slot, kept[r] = _fewer(alone, weights[r], count)
+            chosen[r] = np.take_along_axis(among[r], slot, axis=1)
+    kept = (kept / kept.sum(axis=1, keepdims=True)).astype(np.float32).astype(np.float64)
     kept[:, 0] += 1 - kept.sum(axis=1)
     chosen[kept == 0] = 0
     return chosen, kept, facts
+
+
+def _trials(body: Body, played: Floats | None) -> Floats:
+    """(F,J+1,3,4) joint matrices that weights are fitted on; the last joint is the one that stays."""
+    if played is None:
+        found = _random(body, 24, np.pi / 8)
+    else:
+        some = np.linspace(0, len(played) - 1, min(len(played), 24)).round().astype(int)
+        found = np.concatenate([played[some], _random(body, 12, np.pi / 12)])
+    still = np.broadcast_to(np.eye(4), (len(found), 1, 4, 4))
+    return np.concatenate([found, still], axis=1)[:, :, :3]
+
+
+def _fewer(alone: Floats, weights: Floats, count: int) -> tuple[Ints, Floats]:
+    """(n,count) which of k influences stay and their weights, from the places (n,k,P) each alone would give."""
+    n, k, _ = alone.shape
+    inner = alone @ alone.swapaxes(1, 2)
+    square = np.einsum("nkk->nk", inner)
+    apart = np.maximum(square[:, :, None] + square[:, None] - 2 * inner, 0)
+    left, alive = weights.copy(), weights > 0
+    for _ in range(k - count):
+        pairs = alive[:, :, None] & alive[:, None] & ~np.eye(k, dtype=bool)
+        cost = np.where(pairs, left[:, :, None] ** 2 * apart, np.inf).reshape(n, -1)
+        giver, taker = np.divmod(cost.argmin(axis=1), k)
+        row = np.flatnonzero(alive.sum(axis=1) > count)
+        left[row, taker[row]] += left[row, giver[row]]
+        left[row, giver[row]], alive[row, giver[row]] = 0.0, False
+    slot = np.argsort(-left, axis=1, kind="stable")[:, :count].astype(np.int32)
+    left = np.take_along_axis(left, slot, axis=1)
+    # least squares of weights that sum to one, drawn to those given: places may depend on each other
+    place = np.take_along_axis(alone, slot[:, :, None].astype(np.intp), axis=1)
+    across, goal = place[:, 1:] - place[:, :1], np.einsum("nk,nkp->np", weights, alone) - place[:, 0]
+    normal = across @ across.swapaxes(1, 2)
+    draw = 1e-4 * np.einsum("nkk->n", normal) + 1e-12
+    normal += draw[:, None, None] * np.eye(count - 1)
+    right = np.einsum("nkp,np->nk", across, goal) + draw[:, None] * left[:, 1:]
+    others = np.linalg.solve(normal, right[..., None])[..., 0]
+    found = np.concatenate([1 - others.sum(axis=1, keepdims=True), others], axis=1).clip(0)
+    return slot, found / found.sum(axis=1, keepdims=True)
 
 
 def poses(body: Body, motion: Motion | None, random: int = 100) -> Floats:
@@ -54,14 +110,18 @@ def poses(body: Body, motion: Motion | None, random: int = 100) -> Floats:
     A random pose turns every joint by up to 60 degrees about a random axis.
     """
     s = body.skeleton
-    rest = joint_matrices(s)
-    if motion is not None:
-        return np.concatenate([rest, joint_matrices(s, motion)])
+    moved = joint_matrices(s, motion) if motion is not None else _random(body, random, np.pi / 3)
+    return np.concatenate([joint_matrices(s), moved])
+
+
+def _random(body: Body, count: int, angle: float) -> Floats:
+    """(count,J,4,4) joint matrices of seeded poses: every joint turned by up to `angle` about a random axis."""
+    s = body.skeleton
     rng = np.random.default_rng(0)
-    axis = rng.normal(size=(random, len(s), 3))
+    axis = rng.normal(size=(count, len(s), 3))
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
-    turn = from_vector(axis * rng.uniform(0, np.pi / 3, (random, len(s), 1)))
-    return np.concatenate([rest, pose_matrices(s, turn, s.translation[None])])
+    turn = from_vector(axis * rng.uniform(0, angle, (count, len(s), 1)))
+    return pose_matrices(s, turn, s.translation[None])
 
 
 def matrix_of(joints: NDArray, weights: NDArray, columns: int) -> csr_array:

@@ -43,7 +43,7 @@ def write_vrm(thing: Clip | Humanoid | Body, path: str | os.PathLike[str]) -> di
     if not len(body.skin.triangles):
         raise VitruvianError(f"{path}: a VRM needs a surface, this humanoid has none")
     bones = vrm_bones(body.skeleton)
-    posed, tree, changed, apart = t_posed(body, humanoid, bones)
+    posed, tree, changed, cost = t_posed(body, humanoid, bones)
     doc = Document()
     report, nodes, mesh = figure(doc, posed, tree, None, "linear", 4)
     meta, assumed = meta_of(humanoid.name, humanoid.info)
@@ -62,6 +62,6 @@ def write_vrm(thing: Clip | Humanoid | Body, path: str | os.PathLike[str]) -> di
     doc.root["extensionsUsed"] = ["VRMC_vrm"]
     doc.root["extensions"] = {"VRMC_vrm": extension}
     report["lost"] = lost + changed + assumed + report["lost"]
-    report.update(bones=len(bones), expressions=sorted(said.get("preset", {})), rest_error_m=apart)
+    report.update(bones=len(bones), expressions=sorted(said.get("preset", {})), **cost)
     report["bytes"] = doc.write(path)
     return report

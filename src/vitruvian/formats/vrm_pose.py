@@ -7,15 +7,16 @@ quarter turn about Z brings them to the T, palms down. Bodies with other rest po
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from vitruvian.body.kinematics import move, pose_matrices
 from vitruvian.body.rotations import between, from_axis_angle, from_matrix, inverse, multiply, rotate, to_axis_angle
-from vitruvian.body.types import Body, Floats, Morph, Skeleton
+from vitruvian.body.types import Body, Floats, Morph, Skeleton, Weights
 from vitruvian.errors import VitruvianError
-from vitruvian.formats.gltf_skin import browsers, limit, matrix_of
+from vitruvian.formats.gltf_skin import browsers, limit, matrix_of, measure
 from vitruvian.hanim.humanoid import Humanoid, Joint, Segment, Site
 from vitruvian.motion.names import joint_index
 from vitruvian.motion.rigs import rig
@@ -152,7 +153,7 @@ def _pronation(skeleton: Skeleton, index: dict[str, int], letter: str, turn: Flo
     return about(np.array([1.0, 0, 0]), angle) if abs(angle) > STILL else np.array([0.0, 0, 0, 1])
 
 
-def t_posed(body: Body, humanoid: Humanoid, bones: dict[str, int]) -> tuple[Body, Humanoid, list[str], float]:
+def t_posed(body: Body, humanoid: Humanoid, bones: dict[str, int]) -> tuple[Body, Humanoid, list[str], dict[str, Any]]:
     """The body bound anew in VRM's T pose, its tree without shapes, what that changed, and by how much.
 
     The new surface is the one that linear skinning brings back: v' = (sum w_j B_j)^-1 v with B_j the joint matrices from
@@ -160,7 +161,8 @@ def t_posed(body: Body, humanoid: Humanoid, bones: dict[str, int]) -> tuple[Body
     but for what four influences cost. (With the four weights it would be exact and the T rough, because pruning is.)
     Where that sum can't be inverted well, linear skinning from the rest pose is taken instead. The scale of joints,
     their binding and the uniform part of the Humanoid's own scale go into the surface, so no node needs a scale.
-    The last answer: how far (m) vertices are from where they were when the arms are back.
+    The skin has four influences, chosen for the way back. The last answer is what that cost, as `write_glb` reports it,
+    and `rest_error_m`: how far (m) vertices are at most from where they were when the arms are back.
     """
     s, skin = body.skeleton, body.skin
     turn = t_turns(s, bones)
@@ -202,10 +204,14 @@ def t_posed(body: Body, humanoid: Humanoid, bones: dict[str, int]) -> tuple[Body
         )
     if np.abs(body.placement[:3, :3] / size - np.eye(3)).max() > 1e-6 or np.abs(body.placement[:3, 3]).max() > 1e-6:
         lost.append("the humanoid's place in its scene: a VRM stands at the origin; a uniform scale went into the body")
-    joints, weights, _ = limit(skin.weights, len(s), 4)
+    joints, weights, facts = limit(made, 4, back[None])
+    facts |= measure(made, None, joints, weights, "linear")
     shown = _linear(matrix_of(joints, weights, len(s) + 1), back, rest)
-    apart = np.linalg.norm(shown - shape, axis=1)
-    return made, _tree(humanoid, made, bare, bent, size), lost, float(apart.max(initial=0.0))
+    facts["rest_error_m"] = float(np.linalg.norm(shown - shape, axis=1).max(initial=0.0))
+    vertex, slot = np.nonzero((weights > 0) & (joints < len(s)))  # what stays at rest is what rows lack to one
+    few = Weights.from_pairs(len(weights), vertex, joints[vertex, slot], weights[vertex, slot])
+    made = replace(made, skin=replace(made.skin, weights=few))
+    return made, _tree(humanoid, made, bare, bent, size), lost, facts
 
 
 def _flat(matrices: Floats) -> Floats:

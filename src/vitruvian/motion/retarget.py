@@ -15,7 +15,7 @@ import numpy as np
 from vitruvian.body.rotations import between, inverse, multiply, rotate, slerp
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.contacts import Leg, floor_at_rest, in_units, legs, standing, units_per_metre
+from vitruvian.motion.contacts import Leg, floor_at_rest, in_units, legs, sole_points, standing, units_per_metre
 from vitruvian.motion.hands import relaxed
 from vitruvian.motion.legs import Foothold, footholds, plant
 from vitruvian.motion.names import FINGER_JOINTS, VERTEBRAE, joint_index
@@ -76,7 +76,10 @@ def retarget(
         move[:, 1] += _ground(skeleton, world, move, limbs, holds)
         world, move = plant(skeleton, world, move, limbs, holds, motion.fps)
         local = local_rotations(skeleton.parents, world)
-    elif feet and not limbs:
+    elif feet and limbs:  # a pose: nothing tells which foot stands, but a figure does not hang or sink
+        alone = Motion(skeleton, motion.fps, local, move)
+        move[:, 1] -= sole_points(alone)[..., 1].min() * units_per_metre(skeleton)
+    elif feet:
         notes.append("no legs with hip, knee and ankle: feet are left as they come")
     return Motion(
         skeleton,
