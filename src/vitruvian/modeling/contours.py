@@ -32,6 +32,7 @@ from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 from vitruvian.modeling.throats import HEAD, NECK, Throat, throat
 from vitruvian.modeling.tuning import assign
+from vitruvian.modeling.unions import followed, united
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
 _SHADE = 0.55  # colour of the skin under a hem, over the garment's
@@ -79,6 +80,8 @@ def contoured(
     """
     body = pack(humanoid)
     cuts = Cuts(body)
+    if cuts.segmented:
+        cuts = united(cuts)
     neck = throat(cuts) if cuts.segmented else None
     if neck is not None:
         top, down = cuts.planes["top"]
@@ -166,7 +169,7 @@ def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
 def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: float) -> Made:
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
-    fixed = FIXED if top and cuts.segmented else 0
+    fixed = FIXED if top and cuts.segmented and near not in cuts.seams else 0
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
@@ -321,8 +324,9 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
     table = np.zeros((len(weights), len(skeleton)))
     table[weights.vertex, weights.joint] = weights.weight
-    table = cloth.carried(table, rings_, loops)
-    return cloth.finished(cloth.meet(table, rings_, loops))
+    table = cloth.carried(table)
+    table = cloth.meet(table, rings_, loops)
+    return cloth.finished(followed(cloth, cuts, table, np.concatenate([*rings_, np.zeros(0, np.int64)])))
 
 
 def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:

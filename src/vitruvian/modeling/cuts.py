@@ -6,6 +6,7 @@ below the crotch, rising towards the hip. The trunk ends below the armpits and a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ _STEPS = 24  # places that are tried for the beginning of a limb
 _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
 CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
+FOLLOW = 0.06  # metres of a person of the trunk beside a seam that go with the limb
 
 OUTER = (4, 5, 8, 9, 10)  # regions of hands, feet and pelvis
 
@@ -31,7 +33,9 @@ Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 class Cuts:
     """The planes that a body is cut along. Raises VitruvianError naming joints that the body lacks."""
 
-    def __init__(self, body: Body):
+    def __init__(self, body: Body, seams: Mapping[str, Floats] | None = None):
+        """`seams`: by joint, points (n,3) where a limb of a figure in segments is one surface with the trunk."""
+        self.seams = dict(seams or {})
         skeleton = body.skeleton
         self.index = joint_index(skeleton.names)
         wanted = [f"{side}_{part}" for side in "lr" for part in
@@ -136,7 +140,9 @@ class Cuts:
         weights give to the limb almost wholly: from there on contours turn it as they do."""
         bone, away = unit(end - start), np.array([np.sign(start[0] - self.hips[0]), 0.0, 0.0])
         if self.segmented:
-            return start, bone
+            seam = self.seams.get(f"{side}_{name}")
+            clear = 0.0 if seam is None else float(((seam - start) @ bone).max()) + CLEAR * self.scale
+            return start + clear * bone, bone
         chosen = self.triangles(*codes)
         faces = self.skin.triangles[chosen]
         length = float(np.linalg.norm(end - start))
@@ -205,6 +211,11 @@ class Cuts:
             used = self.skin.rest[np.unique(faces)]
             top = float(min(base[1], used[:, 1].max()) - 0.03 * s)  # below the collar
             low = max(float(self.hips[1]), float(used[:, 1].min()) + 0.01 * s)
+            for name, seam in self.seams.items():  # what moves with arms is no contours, nor what moves with legs
+                if name.endswith("shoulder"):
+                    top = min(top, float(seam[:, 1].min()) - FOLLOW * s)
+                elif not len(self.triangles(10)):
+                    low = max(low, float(seam[:, 1].max()) + FOLLOW * s)
             self.planes["top"], self.planes["vl5"] = (middle(top), down), (middle(low), down)
         else:
             top = high - 0.12 * s

@@ -1,0 +1,213 @@
+"""Limbs and trunk of a figure in segments made one surface: closed pieces that overlap become what shows of them.
+
+Where an upper arm or a thigh stands in the trunk or lies against it, the part of each that is within a little of the other
+is cut out, and the two holes are sewn to each other. So the crease between them is filled by a narrow strip, all else keeps
+its shape and looks, and nothing can open. Points near the strip then follow both, evenly.
+
+Source: cross-section deformation of H-Anim bodies asks for one surface of all segments; this way of making it is ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.modeling.cuts import FOLLOW, Cuts, unit
+from vitruvian.modeling.slicing import Whole, cotangents
+from vitruvian.modeling.stitching import Cloth
+
+_GAP = 0.008  # metres of a person: what is nearer to the other surface than this is cut out
+_FINE = 0.016  # metres of a person: edges at a seam are no longer
+_DEEP = {"shoulder": 0.11, "hip": 0.12}  # metres of a person that a seam reaches down the bone at most: armpit and crotch
+_MIDDLE = 0.008  # metres of a person beside the middle of the body that stay the pelvis's between the thighs
+_ROUNDS = 16  # edges are halved so often at most
+_NEAR = 0.15  # of the length of edges: a corner this near a seam is on it
+_LEAST = 8  # points of a seam at least
+
+Mask = NDArray[np.bool_]
+Field = Callable[[Floats], Floats]  # (n,) values at points (n,3)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Closed triangles (T,3) of points (V,3), which may overlap each other."""
+
+    rest: Floats
+    triangles: Ints
+
+    def distance(self, points: Floats) -> Floats:
+        """(n,) how far points (n,3) are from it, m; less than 0 inside."""
+        import igl
+
+        p, t = np.ascontiguousarray(points), self.triangles.astype(np.int64)
+        far = np.sqrt(np.maximum(igl.point_mesh_squared_distance(p, self.rest, t)[0], 0))
+        return np.where(igl.winding_number(self.rest, t, p) > 0.5, -far, far)
+
+
+def united(cuts: Cuts) -> Cuts:
+    """The figure with the upper arms and thighs that meet its trunk made one surface with it, and where: `Cuts.seams`.
+
+    A limb that does not meet it, or only so that no single seam lies between, stays as it is."""
+    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners)
+    seams: dict[str, Floats] = {}
+    owner = cuts.skin.weights.top(1)[0][:, 0]
+    for n, side in enumerate("lr"):
+        for joint, code, end in (("shoulder", 2, "elbow"), ("hip", 6, "knee")):
+            name = f"{side}_{joint}"
+            own = cuts.triangles(code + n)
+            own = own[owner[cuts.skin.triangles[own, 0]] == cuts.index[name]]
+            trunk = cuts.triangles(0 if joint == "shoulder" or not len(cuts.triangles(10)) else 10)
+            if not len(own) or not len(trunk):
+                continue
+            bone = unit(cuts.at(f"{side}_{end}") - cuts.at(name))
+            away = np.sign(cuts.at(name)[0] - cuts.hips[0])
+            line = _joined(cloth, cuts, name, own, trunk, bone, float(away))
+            if line is not None:
+                seams[name] = line
+    if not seams:
+        return cuts
+    weights = cuts.skin.weights
+    table = np.zeros((len(weights), len(cuts.body.skeleton)))
+    table[weights.vertex, weights.joint] = weights.weight
+    skin = cloth.finished(cloth.carried(table))
+    return Cuts(replace(cuts.body, skin=skin), seams)
+
+
+def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
+    """Weights (V,J) that go over evenly from what is left of a limb to the trunk: harmonic from the limb's first contour
+    (`rings`: vertices of contours, which keep theirs) to the trunk `FOLLOW` away from the seam."""
+    from scipy.sparse import coo_array, csr_array, diags_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.sparse.linalg import splu
+
+    t = cloth.triangles.astype(np.int64)
+    used = np.unique(t)
+    places = {p.tobytes() for seam in cuts.seams.values() for p in seam}
+    seam = np.array([v for v in used if cloth.rest[v].tobytes() in places], np.int64)
+    if not len(seam):
+        return table
+    ends = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    length = np.linalg.norm(cloth.rest[ends[:, 0]] - cloth.rest[ends[:, 1]], axis=1) + 1e-12
+    first = np.unique(ends[:, 0] * len(cloth.rest) + ends[:, 1], return_index=True)[1]
+    graph = coo_array((length[first], ends[first].T), shape=(len(cloth.rest),) * 2).tocsr()
+    far = dijkstra(graph, directed=False, indices=seam, min_only=True)
+    limb = table[:, [cuts.index[name] for name in cuts.seams]].max(axis=1) > 0.5
+    free = np.isfinite(far) & (limb | (far < FOLLOW * cuts.scale))
+    free[rings] = False
+    rows = np.flatnonzero(free)
+    w = cotangents(cloth.rest, t, 1e-3, 1e3)
+    matrix = csr_array(diags_array(np.asarray(w.sum(axis=1)).ravel()) - w)[rows]
+    joints = np.flatnonzero(table.any(axis=0))
+    known = np.where(free[:, None], 0.0, table[:, joints])
+    out = table.copy()
+    out[np.ix_(rows, joints)] = splu(matrix[:, rows].tocsc()).solve(-(matrix @ known))
+    out[rows] = np.clip(out[rows], 0, 1)
+    out[rows] /= out[rows].sum(axis=1, keepdims=True)
+    return out
+
+
+def _joined(
+    cloth: Cloth, cuts: Cuts, name: str, own: Whole, trunk: Whole, bone: Floats, away: float
+) -> Floats | None:
+    """Cut a limb and the trunk where they are near each other and sew them together; the points (n,3) of the seam on both
+    sides. None when they don't meet in one loop each: then the surfaces are as they were."""
+    scale, start, joint = cuts.scale, cuts.at(name), name[2:]
+    rest, triangles = cuts.skin.rest, cuts.skin.triangles
+    limb, body = Solid(rest, triangles[own]), Solid(rest, triangles[trunk])
+    before = dict(cloth.__dict__, on=list(cloth.on), blend=list(cloth.blend))
+
+    def field(other: Solid, middle: bool) -> Field:
+        def value(p: Floats) -> Floats:
+            out = np.maximum(other.distance(p) - _GAP * scale, (p - start) @ bone - _DEEP[joint] * scale)
+            if middle and joint == "hip":
+                out = np.maximum(out, _MIDDLE * scale - away * (p[:, 0] - cuts.hips[0]))
+            return out
+
+        return value
+
+    lines = []
+    place: Floats | None = None
+    for faces, value in ((own, field(body, False)), (trunk, field(limb, True))):
+        mine = lambda faces=faces: np.flatnonzero(np.isin(cloth.origin, faces))  # noqa: E731
+        line = _hole(cloth, mine, value, _FINE * scale, place)
+        if line is None:
+            cloth.__dict__.update(before)
+            return None
+        lines.append(line)
+        place = cloth.rest[line].mean(axis=0)
+    cloth.bridge(lines[0], lines[1])
+    return cloth.rest[np.concatenate(lines)]
+
+
+def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, place: Floats | None) -> Whole | None:
+    """Cut out of some triangles where a field is below 0: the loop of vertices round the hole, in the direction of the
+    faces beside it. Of several such places the widest, or that nearest `place`. None when there is not one loop."""
+    for _ in range(_ROUNDS):
+        faces = mine()
+        t = cloth.triangles[faces].astype(np.int64)
+        corners = cloth.rest[t]
+        middle = corners.mean(axis=1)
+        reach = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+        length = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        near = np.flatnonzero(length.max(axis=1) > fine)
+        near = near[np.abs(value(middle[near])) <= reach[near]] if len(near) else near
+        if not len(near):
+            break
+        k = np.argmax(length[near], axis=1)
+        pairs = np.unique(np.sort(np.stack([t[near, k], t[near, (k + 1) % 3]], axis=1), axis=1), axis=0)
+        cloth.split(faces, pairs, np.full(len(pairs), 0.5))
+    faces = mine()
+    d = _values(cloth, faces, value)
+    inner = _patch(cloth, faces, d, place)
+    if inner is None:
+        return None
+    d = np.where(inner, d, np.maximum(d, fine))
+    d[np.abs(d) < _NEAR * fine] = 0.0  # no slivers
+    on = cloth._divide(d, faces)
+    cloth.on.append(on)
+    faces = mine()
+    piece = cloth.pieces()
+    d = np.concatenate([d, np.zeros(len(cloth.rest) - len(d))])
+    inside = d[cloth.triangles[faces]].mean(axis=1) < 0
+    beside = on[cloth.triangles[faces]].any(axis=1)
+    corners = cloth.rest[cloth.triangles[faces]]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    size = np.bincount(piece[faces], area * ~inside, minlength=piece.max() + 1)
+    gone = np.zeros(len(cloth.triangles), bool)
+    gone[faces] = inside | (np.isin(piece[faces], piece[faces][beside]) & (piece[faces] != np.argmax(size)))
+    cloth.without(gone)
+    loops = cloth.lines(on)
+    return loops[0] if len(loops) == 1 and len(loops[0]) >= _LEAST else None
+
+
+def _values(cloth: Cloth, faces: Whole, value: Field) -> Floats:
+    """(V,) a field at the corners of some triangles, elsewhere far above 0."""
+    out = np.full(len(cloth.rest), np.inf)
+    used = np.unique(cloth.triangles[faces])
+    out[used] = value(cloth.rest[used])
+    return out
+
+
+def _patch(cloth: Cloth, faces: Whole, d: Floats, place: Floats | None) -> Mask | None:
+    """(V,) the vertices of the widest connected place, or that nearest `place`, where a field is below 0."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    t = cloth.triangles[faces].astype(np.int64)
+    sides = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    sides = sides[(d[sides] < 0).all(axis=1)]
+    if not len(sides):
+        return None
+    label = connected_components(
+        coo_array((np.ones(len(sides)), sides.T), shape=(len(d),) * 2), directed=False
+    )[1]
+    numbers, count = np.unique(label[np.unique(sides)], return_counts=True)
+    if place is None:
+        best = numbers[np.argmax(count)]
+    else:
+        best = numbers[np.argmin([np.linalg.norm(cloth.rest[label == n] - place, axis=1).min() for n in numbers])]
+    return np.asarray(label == best)
