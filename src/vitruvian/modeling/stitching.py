@@ -143,25 +143,25 @@ class Cloth:
         sides = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
         pairs = np.unique(sides[d[sides[:, 0]] * d[sides[:, 1]] < 0], axis=0).astype(np.int64)
         first, touched = len(self.rest), np.unique(t)
-        self.split(faces, pairs, d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]))
+        self.split(pairs, d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]))
         here = np.zeros(len(self.rest), bool)
         here[first:] = True
         here[touched[d[touched] == 0]] = True
         return here
 
-    def split(self, faces: Whole, pairs: Whole, share: Floats) -> None:
-        """Put new vertices on edges `pairs` (n,2), lower number first, at `share` (n,) of the way, and divide those of the
-        triangles `faces` that have them."""
+    def split(self, pairs: Whole, share: Floats) -> None:
+        """Put new vertices on edges `pairs` (n,2), lower number first, at `share` (n,) of the way, and divide all triangles
+        that have them."""
         first = len(self.rest)
         edges = {(a, b): n for n, (a, b) in enumerate(pairs.tolist())}
         corners: dict[tuple[int, int], int] = {}
         shares: list[float] = []
         coordinates = 0 if self.uv is None else len(self.uv)
         new, new_uv, source = [], [], []
-        t = self.triangles[faces].astype(np.int64)
+        t = self.triangles.astype(np.int64)
         sides = np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=-1), axis=-1)
         keys = sides[..., 0] * first + sides[..., 1]
-        across = faces[np.isin(keys, pairs[:, 0] * first + pairs[:, 1]).any(axis=1)]
+        across = np.flatnonzero(np.isin(keys, pairs[:, 0] * first + pairs[:, 1]).any(axis=1))
         for n in across.tolist():
             tri, uv = self.triangles[n].tolist(), self.corners[n].tolist()
             middle: list[tuple[int, int] | None] = []

@@ -20,12 +20,16 @@ from vitruvian.modeling.cuts import FOLLOW, Cuts, unit
 from vitruvian.modeling.slicing import Whole, cotangents
 from vitruvian.modeling.stitching import Cloth
 
-_GAP = 0.008  # metres of a person: what is nearer to the other surface than this is cut out
-_FINE = 0.016  # metres of a person: edges at a seam are no longer
+_GAP = 0.012  # metres of a person: what is nearer to the other surface than this is cut out
+_FINE = 0.012  # metres of a person: edges at a seam are no longer
 _DEEP = {"shoulder": 0.11, "hip": 0.12}  # metres of a person that a seam reaches down the bone at most: armpit and crotch
 _MIDDLE = 0.008  # metres of a person beside the middle of the body that stay the pelvis's between the thighs
 _ROUNDS = 16  # edges are halved so often at most
 _NEAR = 0.15  # of the length of edges: a corner this near a seam is on it
+_SMOOTH = 2  # times that the line of a seam is smoothed
+_WITH = 0.4  # what is less far from the first contour than this share of its way to the seam goes with that
+_ROUND = 0.75  # how far new points go to the smooth surface that normals tell of (Boubekeur, Alexa: Phong tessellation)
+_SHARP = 0.75  # cosine between a face and the mean of those at its corner below which that is an edge
 _LEAST = 8  # points of a seam at least
 
 Mask = NDArray[np.bool_]
@@ -60,7 +64,7 @@ def united(cuts: Cuts) -> Cuts:
             name = f"{side}_{joint}"
             own = cuts.triangles(code + n)
             own = own[owner[cuts.skin.triangles[own, 0]] == cuts.index[name]]
-            trunk = cuts.triangles(0 if joint == "shoulder" or not len(cuts.triangles(10)) else 10)
+            trunk = _trunk(cuts, name)
             if not len(own) or not len(trunk):
                 continue
             bone = unit(cuts.at(f"{side}_{end}") - cuts.at(name))
@@ -77,35 +81,43 @@ def united(cuts: Cuts) -> Cuts:
     return Cuts(replace(cuts.body, skin=skin), seams)
 
 
+def _trunk(cuts: Cuts, name: str) -> Whole:
+    """The triangles that a limb hangs on: legs on the pelvis, where there is one."""
+    pelvis = cuts.triangles(10)
+    return pelvis if name.endswith("hip") and len(pelvis) else cuts.triangles(0)
+
+
 def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
-    """Weights (V,J) that go over evenly from what is left of a limb to the trunk: harmonic from the limb's first contour
-    (`rings`: vertices of contours, which keep theirs) to the trunk `FOLLOW` away from the seam."""
-    from scipy.sparse import coo_array, csr_array, diags_array
-    from scipy.sparse.csgraph import dijkstra
+    """Weights (V,J) that go over evenly, as a harmonic function, from what is left of a limb above its contours to the
+    trunk `FOLLOW` away from the seam. `rings`: vertices of contours, which keep theirs, as do parts of the limb that are
+    much nearer to its first contour than to the seam: a sleeve goes with the arm in it."""
+    from scipy.sparse import csr_array, diags_array
     from scipy.sparse.linalg import splu
+    from scipy.spatial import cKDTree
 
     t = cloth.triangles.astype(np.int64)
-    used = np.unique(t)
-    places = {p.tobytes() for seam in cuts.seams.values() for p in seam}
-    seam = np.array([v for v in used if cloth.rest[v].tobytes() in places], np.int64)
-    if not len(seam):
-        return table
-    ends = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    length = np.linalg.norm(cloth.rest[ends[:, 0]] - cloth.rest[ends[:, 1]], axis=1) + 1e-12
-    first = np.unique(ends[:, 0] * len(cloth.rest) + ends[:, 1], return_index=True)[1]
-    graph = coo_array((length[first], ends[first].T), shape=(len(cloth.rest),) * 2).tocsr()
-    far = dijkstra(graph, directed=False, indices=seam, min_only=True)
-    limb = table[:, [cuts.index[name] for name in cuts.seams]].max(axis=1) > 0.5
-    free = np.isfinite(far) & (limb | (far < FOLLOW * cuts.scale))
+    used = np.zeros(len(cloth.rest), bool)
+    used[t] = True
+    free = np.zeros(len(cloth.rest), bool)
+    weights = cuts.skin.weights
+    for name, seam in cuts.seams.items():
+        first, bone = cuts.planes[name]
+        away, _ = cKDTree(seam).query(cloth.rest)
+        ahead = np.maximum((first - cloth.rest) @ bone, 0)
+        limb = used & (table[:, cuts.index[name]] > 0.5)
+        trunk = np.isin(weights.vertex, cuts.skin.triangles[_trunk(cuts, name)])
+        beside = used & (table[:, np.unique(weights.joint[trunk])].sum(axis=1) > 0.5)
+        free |= limb & (ahead > _WITH * away) | beside & (away < FOLLOW[name[2:]] * cuts.scale)
     free[rings] = False
     rows = np.flatnonzero(free)
+    if not len(rows):
+        return table
     w = cotangents(cloth.rest, t, 1e-3, 1e3)
     matrix = csr_array(diags_array(np.asarray(w.sum(axis=1)).ravel()) - w)[rows]
     joints = np.flatnonzero(table.any(axis=0))
     known = np.where(free[:, None], 0.0, table[:, joints])
     out = table.copy()
-    out[np.ix_(rows, joints)] = splu(matrix[:, rows].tocsc()).solve(-(matrix @ known))
-    out[rows] = np.clip(out[rows], 0, 1)
+    out[np.ix_(rows, joints)] = np.clip(splu(matrix[:, rows].tocsc()).solve(-(matrix @ known)), 0, 1)
     out[rows] /= out[rows].sum(axis=1, keepdims=True)
     return out
 
@@ -146,6 +158,7 @@ def _joined(
 def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, place: Floats | None) -> Whole | None:
     """Cut out of some triangles where a field is below 0: the loop of vertices round the hole, in the direction of the
     faces beside it. Of several such places the widest, or that nearest `place`. None when there is not one loop."""
+    normals = _normals(cloth, mine())
     for _ in range(_ROUNDS):
         faces = mine()
         t = cloth.triangles[faces].astype(np.int64)
@@ -159,7 +172,14 @@ def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, pl
             break
         k = np.argmax(length[near], axis=1)
         pairs = np.unique(np.sort(np.stack([t[near, k], t[near, (k + 1) % 3]], axis=1), axis=1), axis=0)
-        cloth.split(faces, pairs, np.full(len(pairs), 0.5))
+        new = len(cloth.rest)
+        cloth.split(pairs, np.full(len(pairs), 0.5))
+        a, b = pairs.T
+        middle = cloth.rest[new:]
+        for end in (a, b):
+            off = np.einsum("nk,nk->n", cloth.rest[end] - (cloth.rest[a] + cloth.rest[b]) / 2, normals[end])
+            middle += _ROUND / 2 * off[:, None] * normals[end]
+        normals = np.concatenate([normals, _unit(normals[a] + normals[b]) * (normals[a].any(1) & normals[b].any(1))[:, None]])
     faces = mine()
     d = _values(cloth, faces, value)
     inner = _patch(cloth, faces, d, place)
@@ -181,7 +201,30 @@ def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, pl
     gone[faces] = inside | (np.isin(piece[faces], piece[faces][beside]) & (piece[faces] != np.argmax(size)))
     cloth.without(gone)
     loops = cloth.lines(on)
-    return loops[0] if len(loops) == 1 and len(loops[0]) >= _LEAST else None
+    if len(loops) != 1 or len(loops[0]) < _LEAST:
+        return None
+    for _ in range(_SMOOTH):
+        p = cloth.rest[loops[0]]
+        cloth.rest[loops[0]] = (np.roll(p, 1, axis=0) + 2 * p + np.roll(p, -1, axis=0)) / 4
+    return loops[0]
+
+
+def _normals(cloth: Cloth, faces: Whole) -> Floats:
+    """(V,3) unit normals of a smooth surface through some triangles, 0 where it has an edge."""
+    t = cloth.triangles[faces]
+    a, b, c = np.moveaxis(cloth.rest[t], 1, 0)
+    flat = np.cross(b - a, c - a)
+    out = np.zeros_like(cloth.rest)
+    for k in range(3):
+        np.add.at(out, t[:, k], flat)
+    out = _unit(out)
+    least = np.ones(len(out))
+    np.minimum.at(least, t, np.einsum("tkc,tc->tk", out[t], _unit(flat)))
+    return out * (least > _SHARP)[:, None]
+
+
+def _unit(v: Floats) -> Floats:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)
 
 
 def _values(cloth: Cloth, faces: Whole, value: Field) -> Floats:
