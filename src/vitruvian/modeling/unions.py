@@ -27,7 +27,6 @@ _MIDDLE = 0.008  # metres of a person beside the middle of the body that stay th
 _ROUNDS = 16  # edges are halved so often at most
 _NEAR = 0.15  # of the length of edges: a corner this near a seam is on it
 _SMOOTH = 2  # times that the line of a seam is smoothed
-_WITH = 0.4  # what is less far from the first contour than this share of its way to the seam goes with that
 _ROUND = 0.75  # how far new points go to the smooth surface that normals tell of (Boubekeur, Alexa: Phong tessellation)
 _SHARP = 0.75  # cosine between a face and the mean of those at its corner below which that is an edge
 _LEAST = 8  # points of a seam at least
@@ -88,9 +87,11 @@ def _trunk(cuts: Cuts, name: str) -> Whole:
 
 
 def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
-    """Weights (V,J) that go over evenly, as a harmonic function, from what is left of a limb above its contours to the
-    trunk `FOLLOW` away from the seam. `rings`: vertices of contours, which keep theirs, as do parts of the limb that are
-    much nearer to its first contour than to the seam: a sleeve goes with the arm in it."""
+    """Weights (V,J) that go over evenly from what is left of a limb above its contours to the trunk.
+
+    On the limb they depend on the place alone, so that a sleeve goes with the arm in it: all of the limb's at its first
+    contour, half on the seam. From there they fade on the trunk, as a harmonic function, until `FOLLOW` away. `rings`:
+    vertices of contours, which keep theirs."""
     from scipy.sparse import csr_array, diags_array
     from scipy.sparse.linalg import splu
     from scipy.spatial import cKDTree
@@ -98,25 +99,29 @@ def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
     t = cloth.triangles.astype(np.int64)
     used = np.zeros(len(cloth.rest), bool)
     used[t] = True
+    used[rings] = False
     free = np.zeros(len(cloth.rest), bool)
-    weights = cuts.skin.weights
+    out, weights = table.copy(), cuts.skin.weights
     for name, seam in cuts.seams.items():
-        first, bone = cuts.planes[name]
-        away, _ = cKDTree(seam).query(cloth.rest)
-        ahead = np.maximum((first - cloth.rest) @ bone, 0)
-        limb = used & (table[:, cuts.index[name]] > 0.5)
+        limb, (first, bone) = cuts.index[name], cuts.planes[name]
+        away = cKDTree(seam).query(cloth.rest)[0]
         trunk = np.isin(weights.vertex, cuts.skin.triangles[_trunk(cuts, name)])
         beside = used & (table[:, np.unique(weights.joint[trunk])].sum(axis=1) > 0.5)
-        free |= limb & (ahead > _WITH * away) | beside & (away < FOLLOW[name[2:]] * cuts.scale)
-    free[rings] = False
+        free |= beside & (away < FOLLOW[name[2:]] * cuts.scale)
+        own = np.flatnonzero(used & (table[:, limb] > 0.5))
+        holds = np.flatnonzero(beside & (away == 0))
+        mate = holds[cKDTree(cloth.rest[holds]).query(cloth.rest[own])[1]]
+        ahead = np.maximum((first - cloth.rest[own]) @ bone, 0)
+        share = 0.5 + 0.5 * away[own] / np.maximum(away[own] + ahead, 1e-12)
+        out[own] = (1 - share[:, None]) * table[mate]
+        out[own, limb] += share
     rows = np.flatnonzero(free)
     if not len(rows):
         return table
     w = cotangents(cloth.rest, t, 1e-3, 1e3)
     matrix = csr_array(diags_array(np.asarray(w.sum(axis=1)).ravel()) - w)[rows]
     joints = np.flatnonzero(table.any(axis=0))
-    known = np.where(free[:, None], 0.0, table[:, joints])
-    out = table.copy()
+    known = np.where(free[:, None], 0.0, out[:, joints])
     out[np.ix_(rows, joints)] = np.clip(splu(matrix[:, rows].tocsc()).solve(-(matrix @ known)), 0, 1)
     out[rows] /= out[rows].sum(axis=1, keepdims=True)
     return out
