@@ -25,6 +25,7 @@ from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
+from vitruvian.hanim.welding import pieces, weld
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
 from vitruvian.modeling.fans import Fan, fan, tilts
 from vitruvian.modeling.hems import Hemmed, clear, hemmed
@@ -78,6 +79,8 @@ def contoured(
     that the humanoid has, else not.
     Raises VitruvianError naming the joints that are missing, and for a surface that the slices do not meet.
     """
+    if next(pieces(humanoid), None) is not None:  # a skin that was cut into Segments is one again
+        humanoid = weld(humanoid)
     body = pack(humanoid)
     cuts = Cuts(body)
     if cuts.segmented:
@@ -261,7 +264,7 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
         ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
-        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10)))
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10 if len(cuts.triangles(10)) else 0)))
     return out
 
 
