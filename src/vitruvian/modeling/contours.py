@@ -173,6 +173,8 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: 
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
     fixed = FIXED if top and cuts.segmented and near not in cuts.seams else 0
+    if fixed:
+        warn(f"contours {side}_{spec.name}: its segment and the trunk do not meet in one seam; it stands in the trunk")
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)

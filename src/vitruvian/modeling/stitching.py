@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
+from vitruvian.modeling.loops import zipped
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
@@ -339,8 +340,17 @@ class Cloth:
         corners = np.array([[known.get(v, corner_of[v]) for v in row] for row in strip.tolist()], np.int32)
         self._add(strip, corners, q)
 
+    def close(self, lid: Ints, like: int) -> None:
+        """Add triangles (n,3) over an open end, as if they came from triangle `like` of the original."""
+        corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
+        corners = np.array([[corner_of[v] for v in row] for row in lid.tolist()], np.int32).reshape(-1, 3)
+        self._add(lid, corners, lid.ravel().astype(np.int64))
+        self.origin[len(self.origin) - len(lid) :], self.free[len(self.free) - len(lid) :] = like, True
+
     def _add(self, strip: Ints, corners: Ints, beside: Whole) -> None:
         """New triangles of the part that most triangles at some vertices are of."""
+        if not len(strip):
+            return
         near = np.flatnonzero(np.isin(self.triangles, beside).any(axis=1))
         home = int(np.bincount(self.part[near]).argmax())
         self.triangles = np.concatenate([self.triangles, strip])
@@ -434,30 +444,6 @@ class Cloth:
             Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
             colors, tuple(parts), tuple(morphs),
         )  # fmt: skip
-
-
-def zipped(p: Floats, q: Floats) -> Whole:
-    """Triangles (n+m,3) between two closed loops of points (n,3), (m,3) that run the same way, with the least sum of
-    lengths across that begins at the first of both; the second loop's points are numbered after the first's.
-
-    Source: H. Fuchs, Z. Kedem, S. Uselton, "Optimal surface reconstruction from planar contours" (1977)."""
-    n, m = len(p), len(q)
-    across = np.linalg.norm(p[np.arange(n + 1) % n][:, None] - q[np.arange(m + 1) % m][None], axis=2)
-    cost = np.zeros((n + 1, m + 1))
-    cost[0] = np.cumsum(across[0])
-    for i in range(1, n + 1):  # by row: the best way to (i, j) comes down or along from the left
-        total = np.cumsum(across[i])
-        down = cost[i - 1] + across[i] - total
-        cost[i] = np.minimum.accumulate(down) + total
-    i, j, out = n, m, []
-    while i or j:
-        if j == 0 or (i and cost[i - 1, j] <= cost[i, j - 1]):
-            out.append([(i - 1) % n, i % n, n + j % m])
-            i -= 1
-        else:
-            out.append([n + j % m, n + (j - 1) % m, i % n])
-            j -= 1
-    return np.array(out[::-1])
 
 
 Corner = tuple[int, int]  # a vertex, and what it looks like there

@@ -4,7 +4,8 @@ Where an upper arm or a thigh stands in the trunk or lies against it, the part o
 is cut out, and the two holes are sewn to each other. So the crease between them is filled by a narrow strip, all else keeps
 its shape and looks, and nothing can open. Points near the strip then follow both, evenly.
 
-Source: cross-section deformation of H-Anim bodies asks for one surface of all segments; this way of making it is ours.
+Source: cross-section deformation of H-Anim bodies asks for one surface of all segments; this way of making it is ours. New
+points on edges are rounded as in T. Boubekeur, M. Alexa, "Phong tessellation" (2008).
 """
 
 from __future__ import annotations
@@ -17,17 +18,21 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.modeling.cuts import FOLLOW, Cuts, unit
+from vitruvian.modeling.loops import directed_loops
 from vitruvian.modeling.slicing import Whole, cotangents
 from vitruvian.modeling.stitching import Cloth
 
 _GAP = 0.012  # metres of a person: what is nearer to the other surface than this is cut out
 _FINE = 0.012  # metres of a person: edges at a seam are no longer
-_DEEP = {"shoulder": 0.11, "hip": 0.12}  # metres of a person that a seam reaches down the bone at most: armpit and crotch
+_DEEP = {
+    "shoulder": 0.11,
+    "hip": 0.12,
+}  # metres of a person that a seam reaches down the bone at most: armpit and crotch
 _MIDDLE = 0.008  # metres of a person beside the middle of the body that stay the pelvis's between the thighs
 _ROUNDS = 16  # edges are halved so often at most
 _NEAR = 0.15  # of the length of edges: a corner this near a seam is on it
 _SMOOTH = 2  # times that the line of a seam is smoothed
-_ROUND = 0.75  # how far new points go to the smooth surface that normals tell of (Boubekeur, Alexa: Phong tessellation)
+_ROUND = 0.75  # how far new points go to the smooth surface that normals tell of
 _SHARP = 0.75  # cosine between a face and the mean of those at its corner below which that is an edge
 _LEAST = 8  # points of a seam at least
 
@@ -48,7 +53,12 @@ class Solid:
 
         p, t = np.ascontiguousarray(points), self.triangles.astype(np.int64)
         far = np.sqrt(np.maximum(igl.point_mesh_squared_distance(p, self.rest, t)[0], 0))
-        return np.where(igl.winding_number(self.rest, t, p) > 0.5, -far, far)
+        used = self.rest[np.unique(t)]
+        within = ((p >= used.min(axis=0)) & (p <= used.max(axis=0))).all(axis=1)
+        if within.any():
+            inside = igl.winding_number(self.rest, t, np.ascontiguousarray(p[within])) > 0.5
+            far[within] = np.where(inside, -far[within], far[within])
+        return far
 
 
 def united(cuts: Cuts) -> Cuts:
@@ -110,6 +120,8 @@ def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
         free |= beside & (away < FOLLOW[name[2:]] * cuts.scale)
         own = np.flatnonzero(used & (table[:, limb] > 0.5))
         holds = np.flatnonzero(beside & (away == 0))
+        if not len(holds):
+            continue
         mate = holds[cKDTree(cloth.rest[holds]).query(cloth.rest[own])[1]]
         ahead = np.maximum((first - cloth.rest[own]) @ bone, 0)
         share = 0.5 + 0.5 * away[own] / np.maximum(away[own] + ahead, 1e-12)
@@ -127,15 +139,15 @@ def followed(cloth: Cloth, cuts: Cuts, table: Floats, rings: Whole) -> Floats:
     return out
 
 
-def _joined(
-    cloth: Cloth, cuts: Cuts, name: str, own: Whole, trunk: Whole, bone: Floats, away: float
-) -> Floats | None:
+def _joined(cloth: Cloth, cuts: Cuts, name: str, own: Whole, trunk: Whole, bone: Floats, away: float) -> Floats | None:
     """Cut a limb and the trunk where they are near each other and sew them together; the points (n,3) of the seam on both
     sides. None when they don't meet in one loop each: then the surfaces are as they were."""
     scale, start, joint = cuts.scale, cuts.at(name), name[2:]
     rest, triangles = cuts.skin.rest, cuts.skin.triangles
-    limb, body = Solid(rest, triangles[own]), Solid(rest, triangles[trunk])
     before = dict(cloth.__dict__, on=list(cloth.on), blend=list(cloth.blend))
+    lid = _lid(rest, triangles[own], start, bone)
+    cloth.close(lid, own[0])
+    limb, body = Solid(rest, np.concatenate([triangles[own], lid])), Solid(rest, triangles[trunk])
 
     def field(other: Solid, middle: bool) -> Field:
         def value(p: Floats) -> Floats:
@@ -160,11 +172,21 @@ def _joined(
     return cloth.rest[np.concatenate(lines)]
 
 
+def _lid(rest: Floats, triangles: Ints, start: Floats, bone: Floats) -> Ints:
+    """(n,3) triangles over the open ends of a limb on its joint's side of its middle."""
+    out: list[list[int]] = []
+    middle = np.median((rest[np.unique(triangles)] - start) @ bone)
+    for line in directed_loops(triangles.astype(np.int64)):
+        if len(line) > 2 and (rest[line] - start).mean(axis=0) @ bone < middle:
+            out += [[line[0], b, a] for a, b in zip(line[1:-1].tolist(), line[2:].tolist(), strict=True)]
+    return np.array(out, np.int32).reshape(-1, 3)
+
+
 def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, place: Floats | None) -> Whole | None:
     """Cut out of some triangles where a field is below 0: the loop of vertices round the hole, in the direction of the
     faces beside it. Of several such places the widest, or that nearest `place`. None when there is not one loop."""
     normals = _normals(cloth, mine())
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS):  # finer where the field is 0
         faces = mine()
         t = cloth.triangles[faces].astype(np.int64)
         corners = cloth.rest[t]
@@ -184,7 +206,8 @@ def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, pl
         for end in (a, b):
             off = np.einsum("nk,nk->n", cloth.rest[end] - (cloth.rest[a] + cloth.rest[b]) / 2, normals[end])
             middle += _ROUND / 2 * off[:, None] * normals[end]
-        normals = np.concatenate([normals, _unit(normals[a] + normals[b]) * (normals[a].any(1) & normals[b].any(1))[:, None]])
+        both = normals[a].any(axis=1) & normals[b].any(axis=1)
+        normals = np.concatenate([normals, _unit(normals[a] + normals[b]) * both[:, None]])
     faces = mine()
     d = _values(cloth, faces, value)
     inner = _patch(cloth, faces, d, place)
@@ -208,6 +231,7 @@ def _hole(cloth: Cloth, mine: Callable[[], Whole], value: Field, fine: float, pl
     loops = cloth.lines(on)
     if len(loops) != 1 or len(loops[0]) < _LEAST:
         return None
+    cloth.rest = cloth.rest.copy()
     for _ in range(_SMOOTH):
         p = cloth.rest[loops[0]]
         cloth.rest[loops[0]] = (np.roll(p, 1, axis=0) + 2 * p + np.roll(p, -1, axis=0)) / 4
@@ -250,9 +274,7 @@ def _patch(cloth: Cloth, faces: Whole, d: Floats, place: Floats | None) -> Mask 
     sides = sides[(d[sides] < 0).all(axis=1)]
     if not len(sides):
         return None
-    label = connected_components(
-        coo_array((np.ones(len(sides)), sides.T), shape=(len(d),) * 2), directed=False
-    )[1]
+    label = connected_components(coo_array((np.ones(len(sides)), sides.T), shape=(len(d),) * 2), directed=False)[1]
     numbers, count = np.unique(label[np.unique(sides)], return_counts=True)
     if place is None:
         best = numbers[np.argmax(count)]
