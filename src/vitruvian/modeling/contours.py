@@ -173,8 +173,6 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: 
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
     fixed = FIXED if top and cuts.segmented and near not in cuts.seams else 0
-    if fixed:
-        warn(f"contours {side}_{spec.name}: its segment and the trunk do not meet in one seam; it stands in the trunk")
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
@@ -200,6 +198,8 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: 
         end, last, length = start + share * (end - start), axis, share * length
         cuts.planes[far] = (end, last)
     found = Hemmed(s, sliced(s))
+    if fixed:
+        warn(f"contours {side}_{spec.name}: its segment and the trunk do not meet in one seam; it stands in the trunk")
     if tilt:
         fanned = fan(
             spec.near, spec.far, axis, FRONT, reach=BEND * found.rings.radius / length, tilt=tilt, places=s[fixed:]

@@ -22,6 +22,7 @@ _STATURE = 1.45  # metres from ankle to skullbase of the figure that lengths in 
 _STEPS = 24  # places that are tried for the beginning of a limb
 _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
+_THIN = 0.05  # metres of a person: the radius that a trunk has at least, and marks of joints do not
 _UNDER = 0.93  # of the width a little higher: narrower is the underside of a trunk
 _BEYOND = 0.05  # metres of a person from the seam of a limb in segments with the trunk to its first contour
 CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
@@ -256,7 +257,7 @@ class Cuts:
             cut = section(self.skin.rest, faces, np.array([self.hips[0], y, self.depth(y)]), down, FRONT)
             size[k] = cut.size[cut.round].max() if len(cut.round) else 0.0
         good = np.flatnonzero(size > _UNDER * size.max())
-        return float(steps[good[0]]) if len(good) else low
+        return float(steps[good[0]]) if size.max() > _THIN * self.scale else low
 
     def depth(self, y: float) -> float:
         """Z of the spine's place at height y, a little in front of its joints."""
