@@ -89,7 +89,7 @@ def test_a_figure_in_segments_is_sewn_together(shared, name, surfaces):
         )
         assert len(at) == 0 or np.array_equal(out[at], out[s.tied[:, 0]])
     tried = trials(found.humanoid)
-    assert len(tried) >= 9 and all(t.gap == 0 and t.stretch < 4 and 0.95 < t.volume < 1.02 for t in tried)
+    assert len(tried) >= 9 and all(t.gap == 0 and t.stretch < 6 and 0.92 < t.volume < 1.04 for t in tried)
 
 
 def test_parameters_are_edited_as_contours_and_as_lengths(made):

@@ -19,6 +19,7 @@ from vitruvian.hanim.tables import canonical
 
 SPINE = (*(f"vl{i}" for i in range(5, 0, -1)), *(f"vt{i}" for i in range(12, 0, -1)))
 SAME = 1e-6  # metres within which points of neighbouring surfaces are one
+_NOD = 0.75  # radians that a neck can be nodded by without folding
 NECK = tuple(f"vc{i}" for i in range(7, 0, -1))
 
 
@@ -173,8 +174,16 @@ def _neck(
         swing[:, : len(chain)], twist[:, : len(chain)] = bend * near, wind * near
         swing[0, : len(chain)] = twist[0, : len(chain)] = 1  # at the skull all of the neck is bent
     if skull is not None:
-        swing[:, -1] = along**2
+        swing[:, -1] = along ** (2.0 if chain else _growth(s.points))
     return Contours(s.name, joint, numbers, np.array(joints, np.int32), swing, twist, closed=s.closed)
+
+
+def _growth(points: Floats) -> float:
+    """The power of the way up a neck without joints, contours (C,P,3), that the skull's turn grows with: 2, so that it
+    stands firmly, less where it is so short that a nod would fold its upper contours through each other."""
+    middle = points.mean(axis=1)
+    radius = float(np.linalg.norm(points[0] - middle[0], axis=1).mean())
+    return float(np.clip(np.linalg.norm(middle[0] - middle[-1]) / max(_NOD * radius, 1e-12), 1.0, 2.0))
 
 
 def equivalent(surface: Contours, root: int = 0) -> tuple[Ints, Floats]:

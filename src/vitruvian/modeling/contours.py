@@ -25,6 +25,7 @@ from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
+from vitruvian.hanim.welding import pieces, weld
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
 from vitruvian.modeling.fans import Fan, fan, tilts
 from vitruvian.modeling.hems import Hemmed, clear, hemmed
@@ -32,6 +33,7 @@ from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 from vitruvian.modeling.throats import HEAD, NECK, Throat, throat
 from vitruvian.modeling.tuning import assign
+from vitruvian.modeling.unions import followed, united
 
 FIXED = 2  # contours of the limbs of a segmented figure that stand in the trunk and stay with it
 _SHADE = 0.55  # colour of the skin under a hem, over the garment's
@@ -77,8 +79,12 @@ def contoured(
     that the humanoid has, else not.
     Raises VitruvianError naming the joints that are missing, and for a surface that the slices do not meet.
     """
+    if next(pieces(humanoid), None) is not None:  # a skin that was cut into Segments is one again
+        humanoid = weld(humanoid)
     body = pack(humanoid)
     cuts = Cuts(body)
+    if cuts.segmented:
+        cuts = united(cuts)
     neck = throat(cuts) if cuts.segmented else None
     if neck is not None:
         top, down = cuts.planes["top"]
@@ -166,7 +172,7 @@ def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
 def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: float) -> Made:
     near, far = f"{side}_{spec.near}", f"{side}_{spec.far}"
     top = spec.near in ("shoulder", "hip")
-    fixed = FIXED if top and cuts.segmented else 0
+    fixed = FIXED if top and cuts.segmented and near not in cuts.seams else 0
     each, count = max(6, round(spec.points * density)), max(8, round(spec.contours * density))
     (start, first), (end, last) = cuts.planes[near], cuts.planes[far]
     u = np.arange(-fixed, count - fixed) / (count - 1 - fixed)
@@ -192,6 +198,8 @@ def _limb(cuts: Cuts, side: str, number: int, spec: Limb, density: float, tilt: 
         end, last, length = start + share * (end - start), axis, share * length
         cuts.planes[far] = (end, last)
     found = Hemmed(s, sliced(s))
+    if fixed:
+        warn(f"contours {side}_{spec.name}: its segment and the trunk do not meet in one seam; it stands in the trunk")
     if tilt:
         fanned = fan(
             spec.near, spec.far, axis, FRONT, reach=BEND * found.rings.radius / length, tilt=tilt, places=s[fixed:]
@@ -258,7 +266,7 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
         ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
-        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10)))
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10 if len(cuts.triangles(10)) else 0)))
     return out
 
 
@@ -321,8 +329,9 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     rings_ = [cloth.sew(n, loop) for n, loop in enumerate(loops)]
     table = np.zeros((len(weights), len(skeleton)))
     table[weights.vertex, weights.joint] = weights.weight
-    table = cloth.carried(table, rings_, loops)
-    return cloth.finished(cloth.meet(table, rings_, loops))
+    table = cloth.carried(table)
+    table = cloth.meet(table, rings_, loops)
+    return cloth.finished(followed(cloth, cuts, table, np.concatenate([*rings_, np.zeros(0, np.int64)])))
 
 
 def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:

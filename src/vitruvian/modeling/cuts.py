@@ -6,6 +6,7 @@ below the crotch, rising towards the hip. The trunk ends below the armpits and a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,11 @@ _STATURE = 1.45  # metres from ankle to skullbase of the figure that lengths in 
 _STEPS = 24  # places that are tried for the beginning of a limb
 _LEANS = {"shoulder": (0.8, 0.5, 0.25), "hip": (0.6, 0.45, 0.3)}  # how the first loop may lean outwards
 _WHOLE = 0.95  # how much of the skin round its beginning a limb should hold, nine tenths of the way round
+_THIN = 0.05  # metres of a person: the radius that a trunk has at least, and marks of joints do not
+_UNDER = 0.93  # of the width a little higher: narrower is the underside of a trunk
+_BEYOND = 0.05  # metres of a person from the seam of a limb in segments with the trunk to its first contour
 CLEAR = 0.016  # metres from where a limb is first clear of the trunk to its first contour
+FOLLOW = {"shoulder": 0.07, "hip": 0.1}  # metres of a person of the trunk beside a seam that go with the limb
 
 OUTER = (4, 5, 8, 9, 10)  # regions of hands, feet and pelvis
 
@@ -31,7 +36,9 @@ Plane = tuple[Floats, Floats]  # a point, and the unit normal down the limb
 class Cuts:
     """The planes that a body is cut along. Raises VitruvianError naming joints that the body lacks."""
 
-    def __init__(self, body: Body):
+    def __init__(self, body: Body, seams: Mapping[str, Floats] | None = None):
+        """`seams`: by joint, points (n,3) where a limb of a figure in segments is one surface with the trunk."""
+        self.seams = dict(seams or {})
         skeleton = body.skeleton
         self.index = joint_index(skeleton.names)
         wanted = [f"{side}_{part}" for side in "lr" for part in
@@ -136,7 +143,8 @@ class Cuts:
         weights give to the limb almost wholly: from there on contours turn it as they do."""
         bone, away = unit(end - start), np.array([np.sign(start[0] - self.hips[0]), 0.0, 0.0])
         if self.segmented:
-            return start, bone
+            seam = self.seams.get(f"{side}_{name}")
+            return (start, bone) if seam is None else (self._clear(seam, start, bone, codes), bone)
         chosen = self.triangles(*codes)
         faces = self.skin.triangles[chosen]
         length = float(np.linalg.norm(end - start))
@@ -156,6 +164,18 @@ class Cuts:
                 if least >= _WHOLE:
                     return best
         return best
+
+    def _clear(self, seam: Floats, start: Floats, bone: Floats, codes: tuple[int, ...]) -> Floats:
+        """The middle of a limb just beyond its seam with the trunk: its bone may begin beside it."""
+        center = start + (float(((seam - start) @ bone).max()) + _BEYOND * self.scale) * bone
+        cut = section(self.skin.rest, self.skin.triangles[self.triangles(*codes)], center, bone, FRONT)
+        if not len(cut.size):
+            return center
+        first, second = (d[0] for d in frames(bone[None], FRONT))
+        widest = cut.segments[cut.loop == np.bincount(cut.loop).argmax()]
+        length = np.linalg.norm(widest[:, 1] - widest[:, 0], axis=1)
+        x, y = length @ widest.mean(axis=1) / max(float(length.sum()), 1e-12)
+        return np.asarray(center + x * first + y * second)
 
     def below(self, name: str) -> NDArray[np.bool_]:
         """(J,) a joint and all that hang on it."""
@@ -205,6 +225,12 @@ class Cuts:
             used = self.skin.rest[np.unique(faces)]
             top = float(min(base[1], used[:, 1].max()) - 0.03 * s)  # below the collar
             low = max(float(self.hips[1]), float(used[:, 1].min()) + 0.01 * s)
+            low = self._hem(faces, low)
+            for name, seam in self.seams.items():  # what moves with arms is no contours, nor what moves with legs
+                if name.endswith("shoulder"):
+                    top = min(top, float(seam[:, 1].min()) - FOLLOW["shoulder"] * s)
+                elif not len(self.triangles(10)):
+                    low = max(low, float(seam[:, 1].max()) + FOLLOW["hip"] * s)
             self.planes["top"], self.planes["vl5"] = (middle(top), down), (middle(low), down)
         else:
             top = high - 0.12 * s
@@ -220,6 +246,18 @@ class Cuts:
             skull = self.at("skullbase")
             self.planes["skullbase"] = (skull, unit(np.array([0.0, -1.0, -0.9])))  # below the chin
             self.planes["neck"] = (base, unit(np.array([0.0, -1.0, -0.5])))
+
+    def _hem(self, faces: Ints, low: float) -> float:
+        """The lowest height from `low` on at which the trunk of a figure in segments goes all round and is not yet its
+        underside."""
+        steps = low + np.arange(14) * 0.005 * self.scale
+        down = np.array([0.0, -1.0, 0.0])
+        size = np.zeros(len(steps))
+        for k, y in enumerate(steps):
+            cut = section(self.skin.rest, faces, np.array([self.hips[0], y, self.depth(y)]), down, FRONT)
+            size[k] = cut.size[cut.round].max() if len(cut.round) else 0.0
+        good = np.flatnonzero(size > _UNDER * size.max())
+        return float(steps[good[0]]) if size.max() > _THIN * self.scale else low
 
     def depth(self, y: float) -> float:
         """Z of the spine's place at height y, a little in front of its joints."""

@@ -104,6 +104,32 @@ def directed_loops(faces: Whole) -> list[NDArray[np.int64]]:
     return out
 
 
+def zipped(p: Floats, q: Floats) -> Whole:
+    """Triangles (n+m,3) between two closed loops of points (n,3), (m,3) that run the same way, with the least sum of
+    lengths across that begins at the first of both; the second loop's points are numbered after the first's.
+
+    Source: H. Fuchs, Z. Kedem, S. Uselton, "Optimal surface reconstruction from planar contours" (1977)."""
+    n, m = len(p), len(q)
+    across = np.linalg.norm(p[np.arange(n + 1) % n][:, None] - q[np.arange(m + 1) % m][None], axis=2)
+    cost = np.zeros((n + 1, m + 1))
+    cost[0] = np.cumsum(across[0])
+    cost[0, m] = np.inf  # round one loop first: the edge between their first points would be there twice
+    for i in range(1, n + 1):  # by row: the best way to (i, j) comes down or along from the left
+        total = np.cumsum(across[i])
+        down = cost[i - 1] + across[i] - total
+        down[0] = np.inf if i == n else down[0]
+        cost[i] = np.minimum.accumulate(down) + total
+    i, j, out = n, m, []
+    while i or j:
+        if j == 0 or (i and cost[i - 1, j] <= cost[i, j - 1]):
+            out.append([(i - 1) % n, i % n, n + j % m])
+            i -= 1
+        else:
+            out.append([n + j % m, n + (j - 1) % m, i % n])
+            j -= 1
+    return np.array(out[::-1])
+
+
 def crossings(rest: Floats, faces: Whole) -> tuple[int, int] | None:
     """Two triangles without a common point that cross each other, or None; large surfaces are not searched."""
     count = len(faces)

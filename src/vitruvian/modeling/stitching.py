@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
+from vitruvian.modeling.loops import zipped
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
@@ -139,37 +140,48 @@ class Cloth:
         """Divide triangles where the values d (V,) of their corners change sign; which vertices are on that line then."""
         d = d.copy()
         d[np.abs(d) < 1e-7] = 0.0
-        across = faces[(d[self.triangles[faces]].max(axis=1) > 0) & (d[self.triangles[faces]].min(axis=1) < 0)]
-        touched = np.unique(self.triangles[faces])
+        t = self.triangles[faces]
+        sides = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
+        pairs = np.unique(sides[d[sides[:, 0]] * d[sides[:, 1]] < 0], axis=0).astype(np.int64)
+        first, touched = len(self.rest), np.unique(t)
+        self.split(pairs, d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]))
+        here = np.zeros(len(self.rest), bool)
+        here[first:] = True
+        here[touched[d[touched] == 0]] = True
+        return here
+
+    def split(self, pairs: Whole, share: Floats) -> None:
+        """Put new vertices on edges `pairs` (n,2), lower number first, at `share` (n,) of the way, and divide all triangles
+        that have them."""
         first = len(self.rest)
-        edges: dict[tuple[int, int], int] = {}
+        edges = {(a, b): n for n, (a, b) in enumerate(pairs.tolist())}
         corners: dict[tuple[int, int], int] = {}
         shares: list[float] = []
         coordinates = 0 if self.uv is None else len(self.uv)
         new, new_uv, source = [], [], []
-        for t in across.tolist():
-            halves: tuple[list[tuple[int, int]], list[tuple[int, int]]] = ([], [])
-            tri, uv = self.triangles[t].tolist(), self.corners[t].tolist()
+        t = self.triangles.astype(np.int64)
+        sides = np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=-1), axis=-1)
+        keys = sides[..., 0] * first + sides[..., 1]
+        across = np.flatnonzero(np.isin(keys, pairs[:, 0] * first + pairs[:, 1]).any(axis=1))
+        for n in across.tolist():
+            tri, uv = self.triangles[n].tolist(), self.corners[n].tolist()
+            middle: list[tuple[int, int] | None] = []
             for i in range(3):
                 a, b, ua, ub = tri[i], tri[(i + 1) % 3], uv[i], uv[(i + 1) % 3]
-                for half, sign in zip(halves, (1, -1), strict=True):
-                    if sign * d[a] >= 0:
-                        half.append((a, ua))
-                if d[a] * d[b] < 0:
-                    if a > b:
-                        a, b, ua, ub = b, a, ub, ua
-                    v = first + edges.setdefault((a, b), len(edges))
-                    if (ua, ub) not in corners:
-                        corners[ua, ub] = coordinates + len(corners)
-                        shares.append(float(d[a] / (d[a] - d[b])))
-                    u = corners[ua, ub]
-                    for half in halves:
-                        half.append((v, u))
-            for half in halves:
-                for i in range(1, len(half) - 1):
-                    new.append([half[0][0], half[i][0], half[i + 1][0]])
-                    new_uv.append([half[0][1], half[i][1], half[i + 1][1]])
-                    source.append(t)
+                if a > b:
+                    a, b, ua, ub = b, a, ub, ua
+                e = edges.get((a, b))
+                if e is None:
+                    middle.append(None)
+                    continue
+                if (ua, ub) not in corners:
+                    corners[ua, ub] = coordinates + len(corners)
+                    shares.append(float(share[e]))
+                middle.append((first + e, corners[ua, ub]))
+            for face in _divided(list(zip(tri, uv, strict=True)), middle):
+                new.append([v for v, _ in face])
+                new_uv.append([u for _, u in face])
+                source.append(n)
         keep = np.ones(len(self.triangles), bool)
         keep[across] = False
         stack = lambda a, b: np.concatenate([a[keep], np.array(b, a.dtype).reshape(-1, *a.shape[1:])])  # noqa: E731
@@ -178,8 +190,6 @@ class Cloth:
             setattr(self, field, np.concatenate([value[keep], value[source]]) if source else value)
         self.triangles = stack(self.triangles, new)
         self.corners = stack(self.corners, new_uv)
-        pairs = np.array(list(edges), np.int64).reshape(-1, 2)
-        share = d[pairs[:, 0]] / (d[pairs[:, 0]] - d[pairs[:, 1]]) if len(pairs) else np.zeros(0)
         self.rest = np.concatenate([self.rest, _between(self.rest, pairs, share)])
         if self.uv is not None and corners:
             ends = np.array(list(corners), np.int64)
@@ -189,10 +199,6 @@ class Cloth:
             line = np.zeros(first, bool)
             line[: len(on)] = on
             self.on[n] = np.concatenate([line, line[pairs].all(axis=1)])
-        here = np.zeros(len(self.rest), bool)
-        here[first:] = True
-        here[touched[d[touched] == 0]] = True
-        return here
 
     def pieces(self) -> Whole:
         """(T,) which connected piece each triangle is of, the cuts between them."""
@@ -277,19 +283,23 @@ class Cloth:
             strip = strip[:, ::-1]
         known = {int(v): int(u) for v, u in zip(ring, ring_uv, strict=True)}
         uv = np.array([[known.get(v, corner_of.get(v, 0)) for v in row] for row in strip.tolist()], np.int32)
-        near = np.flatnonzero(np.isin(self.triangles, line).any(axis=1))
-        home = int(np.bincount(self.part[near]).argmax())
-        self.triangles = np.concatenate([self.triangles, strip])
-        self.corners = np.concatenate([self.corners, uv])
-        self.part = np.concatenate([self.part, np.full(len(strip), home)])
-        self.origin = np.concatenate([self.origin, np.full(len(strip), -1)])
-        self.free = np.concatenate([self.free, np.zeros(len(strip), bool)])
+        self._add(strip, uv, line)
         return ring
 
     def _line(self, number: int, loop: Loop) -> Whole | None:
         """The vertices of the widest loop that a cut left, the angle growing; None when there is none."""
+        best, widest = None, 0.0
+        for line in self.lines(self.on[number]):
+            points = self.rest[line] - self.rest[line].mean(axis=0)
+            area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) @ loop.axis
+            if abs(area) > widest:
+                best, widest = line if area < 0 else line[::-1], abs(area)
+        return best
+
+    def lines(self, along: Mask) -> list[Whole]:
+        """The closed loops of open edges between vertices on a line (V,), in the direction of the faces beside them."""
         on = np.zeros(len(self.rest), bool)
-        on[: len(self.on[number])] = self.on[number]
+        on[: len(along)] = along
         t = self.triangles.astype(np.int64)
         a, b = t[:, [0, 1, 2]].ravel(), t[:, [1, 2, 0]].ravel()
         both = on[a] & on[b]
@@ -300,7 +310,7 @@ class Cloth:
         following: dict[int, list[int]] = {}
         for u, v in zip(a[open_].tolist(), b[open_].tolist(), strict=True):
             following.setdefault(u, []).append(v)
-        best, widest = None, 0.0
+        out = []
         while following:
             start = next(iter(following))
             line, here = [start], start
@@ -314,13 +324,42 @@ class Cloth:
                 here = ahead
             else:
                 continue  # not closed
-            points = self.rest[line] - self.rest[line].mean(axis=0)
-            area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) @ loop.axis
-            if len(line) > 2 and abs(area) > widest:
-                best, widest = np.array(line if area < 0 else line[::-1]), abs(area)
-        return best
+            if len(line) > 2:
+                out.append(np.array(line))
+        return out
 
-    def carried(self, values: Floats, rings: list[Whole], loops: list[Loop]) -> Floats:
+    def bridge(self, one: Whole, other: Whole) -> None:
+        """Sew two loops of open edges (n,), (m,), each in the direction of its faces, to each other. The strip looks like
+        what is beside the other."""
+        p, q = one[::-1], other
+        p = np.roll(p, -int(np.linalg.norm(self.rest[p] - self.rest[q[0]], axis=1).argmin()))
+        strip = np.concatenate([p, q])[zipped(self.rest[p], self.rest[q])].astype(np.int32)
+        corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
+        near = np.linalg.norm(self.rest[q][None] - self.rest[p][:, None], axis=2).argmin(axis=1)
+        known = {int(v): corner_of[int(q[n])] for v, n in zip(p, near, strict=True)}
+        corners = np.array([[known.get(v, corner_of[v]) for v in row] for row in strip.tolist()], np.int32)
+        self._add(strip, corners, q)
+
+    def close(self, lid: Ints, like: int) -> None:
+        """Add triangles (n,3) over an open end, as if they came from triangle `like` of the original."""
+        corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
+        corners = np.array([[corner_of[v] for v in row] for row in lid.tolist()], np.int32).reshape(-1, 3)
+        self._add(lid, corners, lid.ravel().astype(np.int64))
+        self.origin[len(self.origin) - len(lid) :], self.free[len(self.free) - len(lid) :] = like, True
+
+    def _add(self, strip: Ints, corners: Ints, beside: Whole) -> None:
+        """New triangles of the part that most triangles at some vertices are of."""
+        if not len(strip):
+            return
+        near = np.flatnonzero(np.isin(self.triangles, beside).any(axis=1))
+        home = int(np.bincount(self.part[near]).argmax())
+        self.triangles = np.concatenate([self.triangles, strip])
+        self.corners = np.concatenate([self.corners, corners])
+        self.part = np.concatenate([self.part, np.full(len(strip), home)])
+        self.origin = np.concatenate([self.origin, np.full(len(strip), -1)])
+        self.free = np.concatenate([self.free, np.zeros(len(strip), bool)])
+
+    def carried(self, values: Floats) -> Floats:
         """Values (V,n) of the original's vertices, such as weights (V,J), for all vertices; those of contours 0."""
         for pairs, share in self.blend:
             values = np.concatenate([values, _between(values, pairs, share)])
@@ -405,6 +444,24 @@ class Cloth:
             Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
             colors, tuple(parts), tuple(morphs),
         )  # fmt: skip
+
+
+Corner = tuple[int, int]  # a vertex, and what it looks like there
+
+
+def _divided(tri: list[Corner], middle: list[Corner | None]) -> list[tuple[Corner, Corner, Corner]]:
+    """A triangle with new corners on some of its sides, `middle[i]` between corners i and i + 1, as triangles."""
+    out, line = [], []
+    for before, corner, after in zip([middle[2], *middle[:2]], tri, middle, strict=True):
+        if before is not None and after is not None:
+            out.append((before, corner, after))
+        else:
+            line.append(corner)
+        if after is not None:
+            line.append(after)
+    first = next((line.index(m) for m in middle if m is not None), 0)  # never the far end of a side that is divided
+    line = line[first:] + line[:first]
+    return [*out, *((line[0], line[i], line[i + 1]) for i in range(1, len(line) - 1))]
 
 
 def _looks(skin: Skin, corners: Ints) -> tuple[Floats | None, Ints]:
