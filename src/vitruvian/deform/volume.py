@@ -263,14 +263,14 @@ def _fanned(body: Body, bone: Ints, center: Floats) -> tuple[Floats, Ints]:
             continue
         later = (center[mine] - centers[j]) @ way > size * size / 2
         for joint, some in ((j, mine[~later]), (k, mine[later])):
-            above, below = int(parents[joint]), only.get(joint)
+            above, after = int(parents[joint]), only.get(joint)
             into = way if only.get(above) != joint else centers[joint] - centers[above]
-            on = way if below is None else centers[below] - centers[joint]
+            on = way if after is None else centers[after] - centers[joint]
             place, ahead = _fan(body.skin.rest[some] - centers[joint], into / 2, on / 2)
             out[some] = place + centers[joint]
             if joint == j and only.get(above) == joint:
                 lies[some[~ahead]] = above
-            elif joint == k and below is not None:
+            elif joint == k and after is not None:
                 lies[some[ahead]] = joint
     return out, lies
 
