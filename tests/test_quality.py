@@ -182,13 +182,17 @@ def test_even_sections_leave_alone_what_is_not_one_limb(person) -> None:
     body, volume, log = person
     given, made = log.operator.rows, volume.operator.rigid.rows
     dense = [csr_array((r.weight, r.joint, r.row), shape=(len(given), given.joints + 1)) for r in (given, made)]
-    changed = np.asarray(abs(dense[0] - dense[1]).sum(axis=1)).ravel() > 0.02
+    change = np.asarray(abs(dense[0] - dense[1]).sum(axis=1)).ravel()
+    changed = change > 0.02
     names = np.array(body.skeleton.names)
     main = names[given.joint[given.row[:-1]]]
     assert np.abs(np.asarray(dense[1].sum(axis=1)).ravel() - 1).max() < 1e-9
     assert changed[np.isin(main, ["l_elbow", "r_knee"])].mean() > 0.1
     part = {k: changed[np.char.startswith(main, k)].mean() for k in ("vl", "vt", "vc", "skull", "temporo")}
-    assert max(part.values()) < 0.05, part
+    assert max(part.values()) < 0.02, part
+    assert (
+        change[np.char.startswith(main, "vt")].max() < 0.1
+    )  # the flank has a trace of the arm's weights, but is no arm
 
 
 @pytest.mark.parametrize(("name", "limit"), [("linear", 90.0), ("log", np.degrees(2))])

@@ -238,8 +238,8 @@ def _facing(body: Body) -> Floats:
 
 
 def _bones(body: Body, rows: Influences, center: Floats, radius: Floats) -> Ints:
-    """(V,) the joint whose bone the centre of each vertex lies on most; one past the last for none."""
-    order = np.lexsort((rows.weight, _membership(body, rows, center, radius), rows.vertex))
+    """(V,) the joint whose bone carries the centre of each vertex most; one past the last for none."""
+    order = np.lexsort((_carrying(body, rows, center, radius), rows.vertex))
     bone = np.full(len(rows), len(body.skeleton))
     bone[rows.vertex[order]] = rows.joint[order]  # the last of each vertex stays
     return bone

@@ -125,12 +125,12 @@ function facings({ V, rest, triangles }) {
   return out;
 }
 
-/** (V) the joint whose bone the centre of each vertex lies on most, -1 for none. */
+/** (V) the joint whose bone carries the centre of each vertex most, -1 for none. */
 function bones(skin, center, radius) {
-  const { V, row, joint, weight } = skin, near = membership(skin, center, radius), out = new Int32Array(V).fill(-1);
+  const { V, row, joint } = skin, carry = carrying(skin, center, radius), out = new Int32Array(V).fill(-1);
   for (let v = 0; v < V; v++) {
     let best = -1;
-    for (let k = row[v]; k < row[v + 1]; k++) if (best < 0 || near[k] > near[best] || (near[k] === near[best] && weight[k] >= weight[best])) best = k;
+    for (let k = row[v]; k < row[v + 1]; k++) if (best < 0 || carry[k] >= carry[best]) best = k;
     if (best >= 0) out[v] = joint[best];
   }
   return out;
