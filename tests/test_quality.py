@@ -170,6 +170,16 @@ def test_sections_do_not_depend_on_which_side_has_which_weights() -> None:
     assert np.ptp(given, axis=1).max() > 0.5 and np.ptp(rings, axis=1).max() < 0.1
 
 
+def test_rigid_pieces_stay_rigid() -> None:
+    """Each vertex on one joint, as in a figure of Segments: nothing is made even there."""
+    body = cylinder()
+    skin, count = body.skin, len(body.skin.rest)
+    alone = Weights.from_pairs(count, np.arange(count), (skin.rest[:, 2] > 0).astype(int), np.ones(count))
+    body = replace(body, skin=replace(skin, weights=alone))
+    matrices = skins.turned(BEND, 90)
+    assert np.abs(deformer("volume", body)(matrices) - deformer("linear", body)(matrices)).max() < 2e-6
+
+
 def test_a_skin_that_no_joint_moves_stays() -> None:
     body = cylinder()
     count = len(body.skin.rest)

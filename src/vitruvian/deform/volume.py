@@ -160,7 +160,7 @@ def sections(body: Body, rows: Influences) -> tuple[Floats, Floats, Influences]:
     center = center + share[:, None] * (fanned - center)
     radius = np.linalg.norm(body.skin.rest - center, axis=1)
     radius += share * (mean - radius)
-    if not share.any():
+    if not share.any() or rows.counts.max(initial=0) <= 1:  # pieces that ride on their joints stay as they are
         return center, radius, rows
 
     own = csr_array((rows.weight, rows.joint, rows.row), shape=(count, joints))

@@ -80,8 +80,9 @@ function sections(given) {
   }
   const closes = averaged(given, closed, 1, BLUR), straight = clear(skin, straightness(given, false));
   const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1), mixed = spread(sums, links);
+  const rigid = row.every((k, v) => v === 0 || k - row[v - 1] <= 1); // pieces that ride on their joints stay as they are
   for (let v = 0; v < V; v++) {
-    const share = closes[v] * within[v] * straight[v];
+    const share = rigid ? 0 : closes[v] * within[v] * straight[v];
     for (let c = 3 * v; c < 3 * v + 3; c++) center[c] += share * (fanned[c] - center[c]);
     const own = Math.hypot(...minus(at(rest, v), at(center, v)));
     radius[v] = own + share * (mean[v] - own);
