@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 import skins
 from small_body import figure
 from vitruvian.body.kinematics import joint_matrices
-from vitruvian.body.rotations import from_axis_angle
-from vitruvian.body.types import Skin, Weights
+from vitruvian.body.rotations import from_axis_angle, from_vector, to_matrix
+from vitruvian.body.types import Skeleton, Skin, Weights
 from vitruvian.cli import app
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.quality import Gauge, quality, turned
@@ -113,18 +113,96 @@ def test_the_aim_of_bulge_control_on_the_person(person, joint, axis) -> None:
     assert before.bulge > 1.15
 
 
+PEOPLE = {
+    "heavy man": {"gender": 1.0, "weight": 140.0},
+    "thin woman": {"gender": 0.0, "weight": 40.0},
+    "child": {"age": 10.0},
+    "old man": {"gender": 1.0, "age": 85.0},
+    "muscular woman": {"gender": 0.0, "muscle": 1.0},
+    "slack": {"muscle": 0.0},
+    "tall": {"gender": 1.0, "height": 2.05},
+}
+
+
+@pytest.mark.filterwarnings("ignore::vitruvian.VitruvianWarning")
+@pytest.mark.parametrize("who", PEOPLE)
+def test_the_aim_of_bulge_control_on_all_kinds_of_people(who) -> None:
+    """Elbow and knee at 90 degrees; fat arms, whose bone is far from the middle, need even sections most."""
+    import vitruvian as vt
+
+    body = vt.pack(vt.person(outfit=None, hair="none", **PEOPLE[who]))
+    move = deformer("volume", body)
+    for joint, axis in (("l_elbow", (-1, 0, 0)), ("l_knee", (1, 0, 0))):
+        rotation = body.skeleton.rotation.copy()
+        rotation[body.skeleton.index[joint]] = from_axis_angle(np.array([*axis, np.pi / 2]))
+        matrices = joint_matrices(replace(body.skeleton, rotation=rotation))[0]
+        found = Gauge(body, (joint,)).measure(move(matrices), matrices).joints[joint]
+        assert found.thickness >= 0.95 and found.bulge <= 1.05, (joint, found)
+
+
+def test_sections_do_not_depend_on_which_side_has_which_weights() -> None:
+    """A limb bent at rest, whose outside turns further down than its inside: sections turn as one all the same."""
+    body = skins.cylinder(skins.halves)
+    rest, angle = body.skin.rest, np.radians(30)
+    turn = np.clip((rest[:, 2] + 1.5) / 3, 0, 1)[:, None] * [angle, 0, 0]  # bends the tube and its bone line
+    centre = np.clip(rest[:, 2], 0, None)[:, None] * [0, -np.sin(angle), np.cos(angle)]
+    centre[:, 2] += np.clip(rest[:, 2], None, 0)
+    points = centre + np.einsum("nab,nb->na", to_matrix(from_vector(turn)), rest * [1, 1, 0])
+    share = skins.halves(rest[:, 2] + 0.6 * rest[:, 1])[:, 1]
+    weights = Weights.from_pairs(
+        len(rest),
+        np.tile(np.arange(len(rest)), 2),
+        np.repeat([0, 1], len(rest)),
+        np.concatenate([1 - share, share]),
+    )
+    ends = np.array([[0, 0, -4.0], [0, 0, 0], [0, -4 * np.sin(angle), 4 * np.cos(angle)]])
+    skeleton = Skeleton(("j0", "j1", "j2"), np.array([-1, 0, 1]), ends)
+    body = replace(body, skeleton=skeleton, skin=replace(body.skin, rest=points, weights=weights))
+    operator = deformer("volume", body).operator
+    near = np.abs(rest[:, 2]) < 1.5
+    off = np.linalg.norm(operator.center - centre, axis=1)
+    assert off[near].max() < 0.25
+    made = operator.rigid.rows
+    own = np.zeros(len(made))
+    own[made.vertex[made.joint == 1]] = made.weight[made.joint == 1]
+    rings = own[: skins.RINGS * skins.POINTS].reshape(skins.RINGS, skins.POINTS)[30:51]
+    given = share[: skins.RINGS * skins.POINTS].reshape(skins.RINGS, skins.POINTS)[30:51]
+    assert np.ptp(given, axis=1).max() > 0.5 and np.ptp(rings, axis=1).max() < 0.1
+
+
+def test_rigid_pieces_stay_rigid() -> None:
+    """Each vertex on one joint, as in a figure of Segments: nothing is made even there."""
+    body = cylinder()
+    skin, count = body.skin, len(body.skin.rest)
+    alone = Weights.from_pairs(count, np.arange(count), (skin.rest[:, 2] > 0).astype(int), np.ones(count))
+    body = replace(body, skin=replace(skin, weights=alone))
+    matrices = skins.turned(BEND, 90)
+    assert np.abs(deformer("volume", body)(matrices) - deformer("linear", body)(matrices)).max() < 2e-6
+
+
+def test_a_skin_that_no_joint_moves_stays() -> None:
+    body = cylinder()
+    count = len(body.skin.rest)
+    body = replace(body, skin=replace(body.skin, weights=Weights.from_pairs(count, [], [], [])))
+    assert np.abs(deformer("volume", body)(skins.turned(BEND, 90)) - body.skin.rest).max() < 1e-6
+
+
 def test_even_sections_leave_alone_what_is_not_one_limb(person) -> None:
     """Weights change round elbow and knee, and hardly on trunk and head."""
     body, volume, log = person
     given, made = log.operator.rows, volume.operator.rigid.rows
     dense = [csr_array((r.weight, r.joint, r.row), shape=(len(given), given.joints + 1)) for r in (given, made)]
-    changed = np.asarray(abs(dense[0] - dense[1]).sum(axis=1)).ravel() > 0.02
+    change = np.asarray(abs(dense[0] - dense[1]).sum(axis=1)).ravel()
+    changed = change > 0.02
     names = np.array(body.skeleton.names)
     main = names[given.joint[given.row[:-1]]]
     assert np.abs(np.asarray(dense[1].sum(axis=1)).ravel() - 1).max() < 1e-9
     assert changed[np.isin(main, ["l_elbow", "r_knee"])].mean() > 0.1
     part = {k: changed[np.char.startswith(main, k)].mean() for k in ("vl", "vt", "vc", "skull", "temporo")}
-    assert max(part.values()) < 0.05, part
+    assert max(part.values()) < 0.02, part
+    assert (
+        change[np.char.startswith(main, "vt")].max() < 0.1
+    )  # the flank has a trace of the arm's weights, but is no arm
 
 
 @pytest.mark.parametrize(("name", "limit"), [("linear", 90.0), ("log", np.degrees(2))])

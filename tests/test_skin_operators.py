@@ -208,6 +208,22 @@ def test_weights_that_do_not_sum_to_one():
     assert np.allclose(d(motion)[0], [1.3, 0.4, 0.5])
 
 
+@pytest.mark.parametrize(
+    ("vertex", "joint", "weight", "message"),
+    [
+        ([0, 5], [0, 0], [1.0, 1.0], r"weights.vertex: expected vertices in 0..1, found \[5\] at \[1\]"),
+        ([0, -1], [0, 0], [1.0, 1.0], "weights.vertex"),
+        ([0, 1], [0, -3], [1.0, 1.0], r"weights.joint: expected joints from 0 on, found \[-3\] at \[1\]"),
+        ([0, 1], [0], [1.0, 1.0], "a weight for each entry, found 2, 1 and 2"),
+        ([0], [0], [np.nan], "finite"),
+        ([0], [0], [-1.0], "no negative weight"),
+    ],
+)
+def test_weights_that_make_no_sense_are_named(vertex, joint, weight, message):
+    with pytest.raises(VitruvianError, match=message):
+        Weights.from_pairs(2, vertex, joint, weight)
+
+
 def test_a_vertex_without_influence_stays():
     body = skins.point([1.0])
     skin = Skin(np.array([[1.0, 2, 3], [4, 5, 6]]), np.zeros((0, 3)), Weights.from_pairs(2, [0], [0], [1.0]))

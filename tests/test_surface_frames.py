@@ -156,3 +156,35 @@ def test_unknown_kinds_are_said():
     body = skins.point([1.0])
     with pytest.raises(VitruvianError, match="kind: expected 'operator' or 'orthonormal' or 'surface', found 'x'"):
         deformer("log", body).frames(np.eye(4)[None], kind="x")
+
+
+def test_points_on_faces_move_with_one_call_and_bad_ones_are_named():
+    """At corners they are the vertices to the bit; between them frames carry the rest point, and blend weights only."""
+    from vitruvian.deform.feet import on_faces
+
+    body = skins.cylinder(skins.halves)
+    m = skins.turned((1, 0, 0), 80)
+    faces = np.arange(0, len(body.skin.triangles), 7)
+    corners = on_faces(body, faces, np.tile([0, 1.0, 0], (len(faces), 1)))
+    inside = on_faces(body, faces, np.tile([0.2, 0.3, 0.5], (len(faces), 1)))
+    assert np.allclose(inside.skin.weights.sums, 1, atol=1e-12)
+    for name in ("linear", "log", "dual-quaternion", "hybrid"):
+        whole = deformer(name, body)(m)
+        at = body.skin.triangles[faces]
+        assert np.abs(deformer(name, corners)(m) - whole[at[:, 1]]).max() < 1e-6
+        d = deformer(name, inside)
+        frames, points = d.frames(m).astype(float), d(m).astype(float)
+        carried = np.einsum("vab,vb->va", frames[..., :3], inside.skin.rest) + frames[..., 3]
+        assert np.abs(carried - points).max() < 1e-5
+        flat = np.einsum("nk,nkc->nc", np.tile([0.2, 0.3, 0.5], (len(faces), 1)), whole[at].astype(float))
+        assert np.abs(points - flat).max() < 0.02  # of a radius of 1: off the chord, on the surface
+        if name != "linear":
+            turn = frames[..., :3]
+            assert np.abs(np.einsum("vba,vbc->vac", turn, turn) - np.eye(3)).max() < 1e-5 or name == "hybrid"
+    for face, share, message in (
+        ([len(body.skin.triangles)], [[1, 0, 0]], "face: expected"),
+        ([0], [[0.5, 0, 0]], "barycentric: expected rows that sum to 1"),
+        ([0], [[2, -1, 0]], "barycentric: expected shares"),
+    ):
+        with pytest.raises(VitruvianError, match=message):
+            on_faces(body, face, share)

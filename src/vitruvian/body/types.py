@@ -174,10 +174,19 @@ class Weights:
 
     @staticmethod
     def from_pairs(vertices: int, vertex: object, joint: object, weight: object) -> Weights:
-        """From unordered (vertex, joint, weight) triples; a joint named twice on a vertex adds up, zeros go."""
-        v = np.asarray(vertex, dtype=np.int64)
-        j = np.asarray(joint, dtype=np.int64)
-        w = np.asarray(weight, dtype=np.float64)
+        """From unordered (vertex, joint, weight) triples; a joint named twice on a vertex adds up, zeros go.
+
+        Raises VitruvianError, naming the first offender, for arrays of different lengths and vertices out of range.
+        """
+        v = np.asarray(vertex, dtype=np.int64).reshape(-1)
+        j = np.asarray(joint, dtype=np.int64).reshape(-1)
+        w = np.asarray(weight, dtype=np.float64).reshape(-1)
+        same = len(v) == len(j) == len(w)
+        require(same, "weights", "a vertex, a joint and a weight for each entry", f"{len(v)}, {len(j)} and {len(w)}")
+        bad = np.flatnonzero((v < 0) | (v >= vertices))
+        require(not bad.size, "weights.vertex", f"vertices in 0..{vertices - 1}", f"{v[bad[:1]]} at {bad[:1]}")
+        bad = np.flatnonzero(j < 0)
+        require(not bad.size, "weights.joint", "joints from 0 on", f"{j[bad[:1]]} at {bad[:1]}")
         keep = w != 0
         key, where = np.unique((v[keep] << 32) | j[keep], return_inverse=True)
         total = np.bincount(where, w[keep], minlength=len(key)).astype(np.float64)

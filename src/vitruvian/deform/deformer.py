@@ -123,7 +123,7 @@ def deformer(
         return Deformer(name, body, ContourOperator(body, frozenset(off), survey, follow, threads, twist == "paper"))
     rows = bind(body.skin.weights, joints, rule=weights, rigid=True)
     if name == "volume":
-        center, rows = sections(body, rows)
+        center, radius, rows = sections(body, rows)
     memory = np.full((len(chain(rows, body.skeleton)[0]), 4), np.nan) if live and follow else None
     kind = "log" if name in ("hybrid", "volume") else name
     rigid = Rigid(kind, body, rows, steps, follow, threads, memory)
@@ -131,7 +131,7 @@ def deformer(
     if name == "hybrid":
         operator = Hybrid(rigid, tolerance, angle, fade)
     elif name == "volume":
-        operator = Volume(rigid, center)
+        operator = Volume(rigid, center, radius)
     return Deformer(name, body, operator, () if memory is None else (memory,))
 
 

@@ -41,16 +41,24 @@ BLUR = 6  # rounds in which neighbouring shares are averaged
 SMOOTH = 2  # rounds in which neighbouring centres are averaged: feet jump where a bone forks
 SPACING = 0.5  # radii between the stations at which the weights of a section are taken together
 STATIONS = 64  # at most, along a bone
-OPEN = (0.15, 0.3)  # lengths of the mean direction from a section's centre: closed round its bone, and not
+ROUND = (
+    4  # times that the weights of a station are mixed with its neighbours': limbs bend over a length, not at a place
+)
+OPEN = (
+    0.1,
+    0.2,
+)  # lengths of the mean direction over all that is seen from a section's centre: closed round it, and not
+NEAR = 0.2  # mean radii: skin nearer to its centre is seen as from there
 LIGHT = 1 / WIDTHS[-1]  # weights below this are left out where they are made even: no kernel has room for more
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Fits over `rigid`, a "log" operator; `center` (V,3) and its rows are those of `sections`."""
+    """Fits over `rigid`, a "log" operator; `center` (V,3), `radius` (V,) and its rows are those of `sections`."""
 
     rigid: Rigid
     center: Floats
+    radius: Floats
 
     @cached_property
     def share(self) -> Floats:
@@ -69,7 +77,7 @@ class Volume:
         """The centres on their bones."""
         rows = self.rigid.rows
         moving = rows.joint < rows.joints  # the influence that does not move is what linear weights lack to one
-        sharp = np.where(moving, _carrying(self.rigid.body, rows, self.center), 0)
+        sharp = np.where(moving, _carrying(self.rigid.body, rows, self.center, self.radius), 0)
         add = lambda values: np.bincount(rows.vertex, values, minlength=len(rows))[rows.vertex]  # noqa: E731
         total = add(sharp)
         weight = sharp * add(np.where(moving, rows.weight, 0)) / np.where(total > 0, total, 1)
@@ -115,38 +123,52 @@ class Volume:
         return out
 
 
-def sections(body: Body, rows: Influences) -> tuple[Floats, Influences]:
-    """The centre of each vertex's section at rest (V,3), and the influences that turn it.
+def sections(body: Body, rows: Influences) -> tuple[Floats, Floats, Influences]:
+    """The centre of each vertex's section at rest (V,3), its radius (V,), and the influences that turn it.
 
-    Sections lie at stations along the bones of limbs. There weights become means, by area, over all
-    vertices whose centres are near, as far as the skin closes round the bone and the limb goes straight on at its joints:
-    what is left keeps its own.
+    Sections lie at stations along the bones of limbs, in planes that turn from bone to bone. There weights become means,
+    by area, over all vertices whose centres are near, mixed with the stations before and after, so that thick limbs do not
+    turn at one place; as far as the skin closes round the bone and the limb goes straight on at its joints: what is left
+    keeps its own. The skin closes round a bone when directions from there, each by the angle under which its piece of
+    skin is seen, cancel out, wherever in the limb the bone lies.
     """
     from scipy.sparse import csr_array, diags_array
 
     feet = _feet(body, rows)
-    carry = _carrying(body, rows, rows.sum @ feet)
+    first = rows.sum @ feet
+    carry = _carrying(body, rows, first, np.linalg.norm(body.skin.rest - first, axis=1))
     total = np.bincount(rows.vertex, carry, minlength=len(rows))
     mean = [np.bincount(rows.vertex, carry * feet[:, k], minlength=len(rows)) for k in range(3)]
     center = _averaged(np.stack(mean, axis=1) / np.where(total > 0, total, 1)[:, None], body, SMOOTH)
 
     count, joints = len(rows), rows.joints + 1
-    t, away = body.skin.triangles, body.skin.rest - center
-    corners = body.skin.rest[t]
-    size = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    area = np.bincount(t.ravel(), np.repeat(size, 3), minlength=count)
-    at = _stations(body, rows, center, np.linalg.norm(away, axis=1))
+    radius = np.linalg.norm(body.skin.rest - center, axis=1)
+    fanned, bone = _fanned(body, _bones(body, rows, center, radius), center)
+    away, facing = body.skin.rest - fanned, _facing(body)
+    radius, area = np.linalg.norm(away, axis=1), np.linalg.norm(facing, axis=1)
+    at, links = _stations(body, bone, fanned, radius)
     parts = (at.T @ area)[:, None]
-    over = lambda values: at @ ((at.T @ (values * area[:, None])) / np.where(parts > 0, parts, 1))  # noqa: E731
-    direction = np.linalg.norm(over(away / np.maximum(np.linalg.norm(away, axis=1), 1e-9)[:, None]), axis=1)
-    within = (at.sum(axis=1) > 0) & (over(np.ones((count, 1)))[:, 0] > 0)
+    over = lambda values: at @ ((at.T @ (values * area)) / np.where(parts > 0, parts, 1)[:, 0])  # noqa: E731
+    mean = over(radius)
+    toward = away / np.maximum(radius, 1e-9)[:, None]
+    angle = (facing * toward).sum(axis=1) / np.maximum(radius, NEAR * mean + 1e-9)
+    seen, ways = at @ (at.T @ angle), at @ (at.T @ (toward * angle[:, None]))
+    direction = np.linalg.norm(ways, axis=1) / np.where(seen > 0, seen, np.inf)
+    within = (at.sum(axis=1) > 0) & (seen > 0)
     closed = np.where(within, 1 - _smooth(direction, *OPEN), 0.0)
     share = _averaged(closed[:, None], body, BLUR)[:, 0] * within * _clear(body, rows, _straightness(body))
-    if not share.any():
-        return center, rows
+    center = center + share[:, None] * (fanned - center)
+    radius = np.linalg.norm(body.skin.rest - center, axis=1)
+    radius += share * (mean - radius)
+    if not share.any() or rows.counts.max(initial=0) <= 1:  # pieces that ride on their joints stay as they are
+        return center, radius, rows
 
     own = csr_array((rows.weight, rows.joint, rows.row), shape=(count, joints))
-    even = at @ (diags_array(1 / np.where(parts > 0, parts, 1)[:, 0]) @ (at.T @ (diags_array(area) @ own)))
+    means = diags_array(1 / np.where(parts > 0, parts, 1)[:, 0]) @ (at.T @ (diags_array(area) @ own))
+    spread = _spread(links[(parts[links, 0] > 0).all(axis=1)], len(parts))
+    for _ in range(ROUND):
+        means = spread @ means
+    even = at @ means
     mixed = (diags_array(share) @ even + diags_array(1 - share) @ own).tocoo()
     vertex, joint, weight = mixed.row, mixed.col, mixed.data
     touched = share[vertex] > 0
@@ -158,21 +180,19 @@ def sections(body: Body, rows: Influences) -> tuple[Floats, Influences]:
     weight = np.where(touched, weight / np.where(touched, whole, 1), weight)
     order = np.lexsort((joint, -weight, vertex))
     row = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=count))]).astype(np.int32)
-    return center, Influences(row, joint[order].astype(np.int32), weight[order], rows.joints)
+    return center, radius, Influences(row, joint[order].astype(np.int32), weight[order], rows.joints)
 
 
-def _stations(body: Body, rows: Influences, center: Floats, radius: Floats) -> csr_array:
-    """(V,S) sparse: how much each vertex belongs to the two stations along its bone next to its centre; its bone is the
-    one that its centre lies on most. No station where that does not go on to just one other, or is shorter than the section
-    is wide (vertebrae)."""
+def _stations(body: Body, bone: Ints, center: Floats, radius: Floats) -> tuple[csr_array, Ints]:
+    """(V,S) sparse: how much each vertex belongs to the two stations along its bone next to its centre, and which stations
+    (n,2) follow each other. No station where a bone does not go on to just one other, or is shorter than the section is
+    wide (vertebrae)."""
     from scipy.sparse import csr_array
 
-    skeleton, count = body.skeleton, len(rows)
-    order = np.lexsort((rows.weight, _membership(body, rows, center), rows.vertex))
-    bone = np.full(count, len(skeleton))
-    bone[rows.vertex[order]] = rows.joint[order]  # the last of each vertex stays
+    skeleton, count = body.skeleton, len(bone)
     stations = len(skeleton)  # a joint is where one bone ends and the next begins
     vertices, places, parts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    links = [np.zeros((0, 2), np.int64)]
     for j in range(len(skeleton)):
         mine, below = np.flatnonzero(bone == j), np.flatnonzero(skeleton.parents == j)
         if not len(mine) or len(below) != 1:
@@ -186,11 +206,99 @@ def _stations(body: Body, rows: Influences, center: Floats, radius: Floats) -> c
         before = np.minimum(along.astype(np.int64), steps - 1)
         known = np.concatenate([[j], stations + np.arange(steps - 1), below])
         stations += steps - 1
+        links.append(np.stack([known[:-1], known[1:]], axis=1))
         vertices += [mine, mine]
         places += [known[before], known[before + 1]]
         parts += [1 - (along - before), along - before]
     shape = (count, stations)
-    return csr_array((np.concatenate(parts), (np.concatenate(vertices), np.concatenate(places))), shape=shape)
+    at = csr_array((np.concatenate(parts), (np.concatenate(vertices), np.concatenate(places))), shape=shape)
+    return at, np.concatenate(links)
+
+
+def _spread(links: Ints, count: int) -> csr_array:
+    """(S,S) sparse: half of each station and a quarter of its two neighbours; where there are not two, it alone."""
+    from scipy.sparse import csr_array
+
+    both = np.concatenate([links, links[:, ::-1]])
+    inner = np.bincount(both[:, 0], minlength=count) == 2
+    both = both[inner[both[:, 0]]]
+    values = np.concatenate([np.where(inner, 0.5, 1.0), np.full(len(both), 0.25)])
+    own = np.arange(count)
+    places = (np.concatenate([own, both[:, 0]]), np.concatenate([own, both[:, 1]]))
+    return csr_array((values, places), shape=(count, count))
+
+
+def _facing(body: Body) -> Floats:
+    """(V,3) the third of the areas of the faces at each vertex, along their normals, m2."""
+    t, rest = body.skin.triangles, body.skin.rest
+    a, b, c = (rest[t[:, k]] for k in range(3))
+    third = np.cross(b - a, c - a) / 6
+    corner = t.ravel()
+    return np.stack([np.bincount(corner, np.repeat(third[:, k], 3), minlength=len(rest)) for k in range(3)], axis=1)
+
+
+def _bones(body: Body, rows: Influences, center: Floats, radius: Floats) -> Ints:
+    """(V,) the joint whose bone carries the centre of each vertex most; one past the last for none."""
+    order = np.lexsort((_carrying(body, rows, center, radius), rows.vertex))
+    bone = np.full(len(rows), len(body.skeleton))
+    bone[rows.vertex[order]] = rows.joint[order]  # the last of each vertex stays
+    return bone
+
+
+def _fanned(body: Body, bone: Ints, center: Floats) -> tuple[Floats, Ints]:
+    """The centres (V,3) of sections in planes that turn from one bone to the next between their middles, and the bones
+    (V,) that these lie on, for bones and centres by the weights.
+
+    Where a limb is bent at rest, feet on the two bones lie apart, and which of them counts more depends on weights, which
+    differ round a section: so its points would get different centres. Planes depend on places alone.
+    """
+    centers, parents = body.skeleton.centers, body.skeleton.parents
+    out, lies = center.copy(), bone.copy()
+    only = {j: int(below[0]) for j in range(len(parents)) if len(below := np.flatnonzero(parents == j)) == 1}
+    for j, k in only.items():
+        mine = np.flatnonzero(bone == j)
+        way = centers[k] - centers[j]
+        size = float(np.linalg.norm(way))
+        if not len(mine) or size < 1e-6:
+            continue
+        later = (center[mine] - centers[j]) @ way > size * size / 2
+        for joint, some in ((j, mine[~later]), (k, mine[later])):
+            above, after = int(parents[joint]), only.get(joint)
+            into = way if only.get(above) != joint else centers[joint] - centers[above]
+            on = way if after is None else centers[after] - centers[joint]
+            place, ahead = _fan(body.skin.rest[some] - centers[joint], into / 2, on / 2)
+            out[some] = place + centers[joint]
+            if joint == j and only.get(above) == joint:
+                lies[some[~ahead]] = above
+            elif joint == k and after is not None:
+                lies[some[ahead]] = joint
+    return out, lies
+
+
+def _fan(points: Floats, into: Floats, on: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """(n,3) where the planes through points (n,3) cut the line that comes to the origin by `into` (3,) and goes on by `on`
+    (3,), and whether beyond the origin. Planes turn from the one to the other along it, and stay square to its ends."""
+    lengths = np.linalg.norm([into, on], axis=1)
+    if lengths.min() < 1e-6:
+        into = on = into if lengths[0] > lengths[1] else on
+        lengths = np.full(2, lengths.max())
+    ways = np.stack([into, on]) / lengths[:, None]
+
+    def plane(s: Floats) -> tuple[Floats, Floats]:
+        h = _smooth(s, -1, 1)[:, None]
+        normal = (1 - h) * ways[0] + h * ways[1]
+        ahead = (s >= 0)[:, None]
+        return np.where(ahead, s[:, None] * on, s[:, None] * into), normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    low, high = np.full(len(points), -1.0), np.full(len(points), 1.0)
+    for _ in range(24):
+        middle = (low + high) / 2
+        at, normal = plane(middle)
+        past = np.einsum("na,na->n", points - at, normal) > 0
+        low, high = np.where(past, middle, low), np.where(past, high, middle)
+    middle = (low + high) / 2
+    at, normal = plane(middle)
+    return at + np.einsum("na,na->n", points - at, normal)[:, None] * normal, middle >= 0
 
 
 def _clear(body: Body, rows: Influences, straight: Floats) -> Floats:
@@ -202,12 +310,12 @@ def _clear(body: Body, rows: Influences, straight: Floats) -> Floats:
     return np.clip(_averaged(out[:, None], body, BLUR)[:, 0], 0, 1)
 
 
-def _carrying(body: Body, rows: Influences, center: Floats) -> Floats:
+def _carrying(body: Body, rows: Influences, center: Floats, radius: Floats) -> Floats:
     """(n,) how much each influence carries of the centre of its vertex, which is there; not yet of sum one."""
-    return rows.weight**SHARP * (_membership(body, rows, center) + LEAST)
+    return rows.weight**SHARP * (_membership(body, rows, center, radius) + LEAST)
 
 
-def _membership(body: Body, rows: Influences, center: Floats) -> Floats:
+def _membership(body: Body, rows: Influences, center: Floats, radius: Floats) -> Floats:
     """(n,) for each influence: how far the centre of its vertex lies past its joint and before the next ones, 0..1.
 
     Skin weights say how a section turns; they may be far from one half at the joint, and differ round a section. Where
@@ -225,9 +333,9 @@ def _membership(body: Body, rows: Influences, center: Floats) -> Floats:
             out = into + (unit(out) if np.linalg.norm(out) > 1e-9 else into)
         way[j] = unit(out) if np.linalg.norm(out) > 1e-9 else 0.0
     above = _above(body, rows)
-    radius = np.maximum(np.linalg.norm(body.skin.rest - center, axis=1), 1e-3)[rows.vertex] * SOFT
+    soft = np.maximum(radius, 1e-3)[rows.vertex] * SOFT
     past = np.einsum("na,na->n", center[rows.vertex] - np.vstack([centers, centers[:1]])[rows.joint], way[rows.joint])
-    s = np.clip((past / radius + 1) / 2, 0.0, 1.0)
+    s = np.clip((past / soft + 1) / 2, 0.0, 1.0)
     s = s * s * (3 - 2 * s)
     has = np.flatnonzero(above >= 0)
     before = np.ones(len(above))
@@ -277,11 +385,13 @@ def _smooth(x: Floats, low: float, high: float) -> Floats:
 def _look_up(rows: Influences, vertex: Ints, joint: Ints) -> Floats:
     """Weights of joints on vertices, arrays of one shape; zero where a joint has none."""
     vertex, joint = np.broadcast_arrays(vertex.astype(np.int64), joint)
+    if not len(rows.joint):
+        return np.zeros(vertex.shape)
     size = rows.joints + 1
     known = rows.vertex.astype(np.int64) * size + rows.joint
     order = np.argsort(known)
     wanted = (vertex * size + joint).ravel()
-    at = np.minimum(np.searchsorted(known, wanted, sorter=order), max(len(known) - 1, 0))
+    at = np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)
     found = order[at]
     return np.where(known[found] == wanted, rows.weight[found], 0.0).reshape(vertex.shape)
 

@@ -11,7 +11,9 @@ const EDGE = 8; // how fast a joint counts with its weight
 const BLUR = 6; // rounds in which neighbouring shares are averaged
 const SMOOTH = 2; // rounds in which neighbouring centres are averaged
 const SPACING = 0.5, STATIONS = 64; // radii between stations along a bone, and how many at most
-const OPEN = [0.15, 0.3]; // lengths of the mean direction from a section's centre: closed round its bone, and not
+const ROUND = 4; // times that the weights of a station are mixed with its neighbours'
+const OPEN = [0.1, 0.2]; // lengths of the mean direction over all that is seen from a section's centre: closed, and not
+const NEAR = 0.2; // mean radii: skin nearer to its centre is seen as from there
 const LIGHT = 1 / 64; // weights below this are left out where they are made even
 
 /** As `deform`: p' = R (p - c) + sum v_i M_i c, R the rotation of "log", c the centre of the vertex's section. */
@@ -26,8 +28,8 @@ export function volume(skin, pose, weights, positions, normals) {
 
 /** What is worked out about a whole skin: it with even weights, centres (V*3), shares (V), it with weights that carry. */
 const laid = (skin) => once(skin, "sections", () => {
-  const { center, rows } = sections(skin), even = { ...skin, ...rows, over: new Float32Array(skin.V) };
-  return { even, center, share: Float32Array.from(clear(even, straightness(skin, true))), carried: { ...even, weight: carriers(even, center) } };
+  const { center, radius, rows } = sections(skin), even = { ...skin, ...rows, over: new Float32Array(skin.V) };
+  return { even, center, share: Float32Array.from(clear(even, straightness(skin, true))), carried: { ...even, weight: carriers(even, center, radius) } };
 });
 
 /** The same of those `vertices` of it that a part of the skin has. */
@@ -43,48 +45,50 @@ function part(skin, all) {
   return { even, center: pick(all.center, 3), share: pick(all.share, 1), carried: { ...even, weight: of(all.carried.weight) } };
 }
 
-/** The centre of each vertex's section (V*3), and the weights that turn it: even round limbs that the skin closes round. */
+/** The centre of each vertex's section (V*3), its radius (V), and the weights that turn it: even round limbs that the skin closes round. */
 function sections(given) {
-  const { V, J, row, joint, rest, triangles } = given, weight = Float64Array.from(given.weight);
+  const { V, J, row, joint, rest } = given, weight = Float64Array.from(given.weight);
   for (let v = 0; v < V; v++) {
     let total = 0;
     for (let k = row[v]; k < row[v + 1]; k++) total += weight[k];
     for (let k = row[v]; k < row[v + 1]; k++) weight[k] /= total || 1;
   }
-  const skin = { ...given, weight }, feet = footing(skin), center = averaged(given, means(skin, carrying(skin, means(skin, weight, feet)), feet), 3, SMOOTH);
-  const away = new Float64Array(3 * V), radius = new Float64Array(V), area = new Float64Array(V);
-  for (let v = 0; v < V; v++) {
-    for (let c = 3 * v; c < 3 * v + 3; c++) away[c] = rest[c] - center[c];
-    radius[v] = Math.hypot(away[3 * v], away[3 * v + 1], away[3 * v + 2]);
-  }
-  for (let k = 0; k < triangles.length; k += 3) {
-    const a = 3 * triangles[k], b = 3 * triangles[k + 1], c = 3 * triangles[k + 2];
-    const ux = rest[b] - rest[a], uy = rest[b + 1] - rest[a + 1], uz = rest[b + 2] - rest[a + 2];
-    const wx = rest[c] - rest[a], wy = rest[c + 1] - rest[a + 1], wz = rest[c + 2] - rest[a + 2];
-    const size = Math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx);
-    for (let i = 0; i < 3; i++) area[triangles[k + i]] += size;
-  }
-  const { place, share: between } = stations(skin, center, radius), sums = new Map(); // by station: area, direction, weights
+  const skin = { ...given, weight }, feet = footing(skin), first = means(skin, weight, feet);
+  const center = averaged(given, means(skin, carrying(skin, first, radii(rest, first)), feet), 3, SMOOTH), { fanned, bone } = fans(skin, bones(skin, center, radii(rest, center)), center);
+  const facing = facings(given), area = Float64Array.from({ length: V }, (_, v) => Math.hypot(...at(facing, v))), radius = radii(rest, fanned);
+  const { place, share: between, links } = stations(skin, bone, fanned, radius), sums = new Map(); // by station: area, radius, what is seen, weights
   const each = (v, f) => { if (place[2 * v] >= 0) for (let s = 0; s < 2; s++) if (between[2 * v + s] > 0) f(sums.get(place[2 * v + s]), between[2 * v + s], place[2 * v + s]); };
   for (let v = 0; v < V; v++) each(v, (sum, b, s) => {
-    if (!sum) sums.set(s, (sum = { area: 0, way: [0, 0, 0], weight: new Float64Array(J + 1) }));
+    if (!sum) sums.set(s, (sum = { area: 0, radius: 0, seen: 0, way: [0, 0, 0], weight: new Float64Array(J + 1) }));
     sum.area += b * area[v];
-    for (let c = 0; c < 3; c++) sum.way[c] += (b * area[v] * away[3 * v + c]) / Math.max(radius[v], 1e-9);
+    sum.radius += b * area[v] * radius[v];
     for (let k = row[v]; k < row[v + 1]; k++) sum.weight[joint[k]] += b * area[v] * weight[k];
   });
-  const closed = new Float64Array(V), within = new Uint8Array(V);
+  const mean = new Float64Array(V), toward = new Float64Array(3 * V), closed = new Float64Array(V), within = new Uint8Array(V);
+  for (let v = 0; v < V; v++) {
+    each(v, (sum, b) => { if (sum.area > 0) mean[v] += (b * sum.radius) / sum.area; });
+    for (let c = 3 * v; c < 3 * v + 3; c++) toward[c] = (rest[c] - fanned[c]) / Math.max(radius[v], 1e-9);
+    const angle = dot(at(facing, v), at(toward, v)) / Math.max(radius[v], NEAR * mean[v] + 1e-9);
+    each(v, (sum, b) => { sum.seen += b * angle; for (let c = 0; c < 3; c++) sum.way[c] += b * angle * toward[3 * v + c]; });
+  }
   for (let v = 0; v < V; v++) {
     const way = [0, 0, 0];
-    each(v, (sum, b) => { if (sum.area > 0) { within[v] = 1; for (let c = 0; c < 3; c++) way[c] += (b * sum.way[c]) / sum.area; } });
-    closed[v] = within[v] ? 1 - smooth(Math.hypot(...way), ...OPEN) : 0;
+    let seen = 0;
+    each(v, (sum, b) => { seen += b * sum.seen; for (let c = 0; c < 3; c++) way[c] += b * sum.way[c]; });
+    within[v] = seen > 0;
+    closed[v] = within[v] ? 1 - smooth(Math.hypot(...way) / seen, ...OPEN) : 0;
   }
   const closes = averaged(given, closed, 1, BLUR), straight = clear(skin, straightness(given, false));
-  const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1);
+  const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1), mixed = spread(sums, links);
+  const rigid = row.every((k, v) => v === 0 || k - row[v - 1] <= 1); // pieces that ride on their joints stay as they are
   for (let v = 0; v < V; v++) {
-    const share = closes[v] * within[v] * straight[v];
+    const share = rigid ? 0 : closes[v] * within[v] * straight[v];
+    for (let c = 3 * v; c < 3 * v + 3; c++) center[c] += share * (fanned[c] - center[c]);
+    const own = Math.hypot(...minus(at(rest, v), at(center, v)));
+    radius[v] = own + share * (mean[v] - own);
     if (share > 0) {
       even.fill(0);
-      each(v, (sum, b) => { if (sum.area > 0) for (let j = 0; j <= J; j++) even[j] += (share * b * sum.weight[j]) / sum.area; });
+      each(v, (sum, b, s) => { if (sum.area > 0) mixed.get(s).forEach((w, j) => { even[j] += share * b * w; }); });
       for (let k = row[v]; k < row[v + 1]; k++) even[joint[k]] += (1 - share) * weight[k];
       const least = Math.min(LIGHT, even.reduce((a, b) => Math.max(a, b), 0)), list = [];
       let total = 0;
@@ -94,33 +98,108 @@ function sections(given) {
     } else for (let k = row[v]; k < row[v + 1]; k++) { joints.push(joint[k]); weights.push(weight[k]); }
     rows[v + 1] = joints.length;
   }
-  return { center, rows: { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) } };
+  return { center, radius, rows: { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) } };
 }
 
-/** The two stations (V*2, -1 for none) along its bone next to each vertex's centre, and how much it belongs to each. */
-function stations(skin, center, radius) {
-  const { V, J, row, joint, weight, centers, parents } = skin, near = membership(skin, center), bone = new Int32Array(V).fill(-1);
-  const place = new Int32Array(2 * V).fill(-1), share = new Float64Array(2 * V), mean = new Float64Array(J + 1), count = new Float64Array(J + 1);
+/** Mean weights by station, each mixed with its two neighbours some times over; where there are not two it keeps its own. */
+function spread(sums, links) {
+  const near = new Map();
+  let now = new Map([...sums].filter(([, sum]) => sum.area > 0).map(([s, sum]) => [s, sum.weight.map((w) => w / sum.area)]));
+  for (const [a, b] of links) if (now.has(a) && now.has(b)) for (const [x, y] of [[a, b], [b, a]]) near.set(x, [...(near.get(x) ?? []), y]);
+  for (let n = 0; n < ROUND; n++) now = new Map([...now].map(([s, own]) => {
+    const two = near.get(s) ?? [];
+    return [s, two.length === 2 ? own.map((w, j) => w / 2 + (now.get(two[0])[j] + now.get(two[1])[j]) / 4) : own];
+  }));
+  return now;
+}
+
+/** (V) how far the vertices are from their centres. */
+const radii = (rest, center) => Float64Array.from({ length: rest.length / 3 }, (_, v) => Math.hypot(...minus(at(rest, v), at(center, v))));
+
+/** (V*3) a third of the areas of the faces at each vertex, along their normals. */
+function facings({ V, rest, triangles }) {
+  const out = new Float64Array(3 * V);
+  for (let k = 0; k < triangles.length; k += 3) {
+    const [a, b, c] = [0, 1, 2].map((i) => at(rest, triangles[k + i])), normal = cross(minus(b, a), minus(c, a));
+    for (let i = 0; i < 3; i++) for (let n = 0; n < 3; n++) out[3 * triangles[k + i] + n] += normal[n] / 6;
+  }
+  return out;
+}
+
+/** (V) the joint whose bone carries the centre of each vertex most, -1 for none. */
+function bones(skin, center, radius) {
+  const { V, row, joint } = skin, carry = carrying(skin, center, radius), out = new Int32Array(V).fill(-1);
   for (let v = 0; v < V; v++) {
     let best = -1;
-    for (let k = row[v]; k < row[v + 1]; k++) if (best < 0 || near[k] > near[best] || (near[k] === near[best] && weight[k] >= weight[best])) best = k;
-    if (best < 0) continue;
-    bone[v] = joint[best];
+    for (let k = row[v]; k < row[v + 1]; k++) if (best < 0 || carry[k] >= carry[best]) best = k;
+    if (best >= 0) out[v] = joint[best];
+  }
+  return out;
+}
+
+/** For each joint the one below it, where there is just one; else -1. */
+function onlyBelow(parents) {
+  const out = parents.map(() => -1), count = parents.map(() => 0);
+  parents.forEach((p, j) => { if (p >= 0) { out[p] = j; count[p]++; } });
+  return out.map((k, j) => (count[j] === 1 ? k : -1));
+}
+
+/** The centres (V*3) of sections in planes that turn from one bone to the next between their middles, and on which they lie. */
+function fans({ V, J, rest, centers, parents }, bone, center) {
+  const fanned = center.slice(), lies = bone.slice(), only = onlyBelow(parents), way = (a, b) => minus(at(centers, b), at(centers, a));
+  for (let v = 0; v < V; v++) {
+    const j = bone[v], k = j >= 0 && j < J ? only[j] : -1;
+    if (k < 0) continue;
+    const own = way(j, k), size = dot(own, own);
+    if (Math.sqrt(size) < 1e-6) continue;
+    const later = dot(minus(at(center, v), at(centers, j)), own) > size / 2, n = later ? k : j, above = parents[n], below = only[n];
+    const into = above < 0 || only[above] !== n ? own : way(above, n), on = below < 0 ? own : way(n, below);
+    const { place, ahead } = fan(minus(at(rest, v), at(centers, n)), into.map((x) => x / 2), on.map((x) => x / 2));
+    fanned.set(plus(place, at(centers, n)), 3 * v);
+    if (!later && above >= 0 && only[above] === n && !ahead) lies[v] = above;
+    if (later && below >= 0 && ahead) lies[v] = n;
+  }
+  return { fanned, bone: lies };
+}
+
+/** Where the plane through p cuts the line that comes to the origin by `into` and goes on by `on`; planes turn along it. */
+function fan(p, into, on) {
+  let [a, b] = [Math.hypot(...into), Math.hypot(...on)];
+  if (Math.min(a, b) < 1e-6) { into = on = a > b ? into : on; a = b = Math.max(a, b); }
+  const plane = (s) => {
+    const h = smooth(s, -1, 1);
+    return { at: (s >= 0 ? on : into).map((x) => x * s), normal: unit(into.map((x, i) => ((1 - h) * x) / a + (h * on[i]) / b)) };
+  };
+  let low = -1, high = 1;
+  for (let n = 0; n < 24; n++) {
+    const middle = (low + high) / 2, { at: q, normal } = plane(middle);
+    if (dot(minus(p, q), normal) > 0) low = middle;
+    else high = middle;
+  }
+  const { at: q, normal } = plane((low + high) / 2), left = dot(minus(p, q), normal);
+  return { place: q.map((x, i) => x + left * normal[i]), ahead: low + high >= 0 };
+}
+
+/** The two stations (V*2, -1 for none) along its bone next to each vertex's centre, how much it belongs to each, and pairs of stations that follow each other. */
+function stations({ V, J, centers, parents }, bone, center, radius) {
+  const place = new Int32Array(2 * V).fill(-1), share = new Float64Array(2 * V), mean = new Float64Array(J + 1), count = new Float64Array(J + 1), links = [];
+  for (let v = 0; v < V; v++) if (bone[v] >= 0) {
     mean[bone[v]] += radius[v];
     count[bone[v]]++;
   }
   let free = J;
-  const bones = Array.from({ length: J }, (_, j) => {
-    const below = [...parents.keys()].filter((i) => parents[i] === j);
-    if (below.length !== 1 || !count[j]) return null;
-    const way = minus(at(centers, below[0]), at(centers, j)), size = dot(way, way), thick = mean[j] / count[j];
+  const only = onlyBelow(parents), laid = Array.from({ length: J }, (_, j) => {
+    if (only[j] < 0 || !count[j]) return null;
+    const way = minus(at(centers, only[j]), at(centers, j)), size = dot(way, way), thick = mean[j] / count[j];
     if (Math.sqrt(size) <= thick) return null; // shorter than the section is wide: vertebrae
     const steps = Math.min(STATIONS, Math.round(Math.sqrt(size) / Math.max(SPACING * thick, 1e-6))), first = free;
+    const known = (i) => (i === 0 ? j : i === steps ? only[j] : first + i - 1);
     free += steps - 1;
-    return { way, size, steps, known: (i) => (i === 0 ? j : i === steps ? below[0] : first + i - 1) };
+    for (let i = 0; i < steps; i++) links.push([known(i), known(i + 1)]);
+    return { way, size, steps, known };
   });
   for (let v = 0; v < V; v++) {
-    const b = bone[v] >= 0 && bone[v] < J ? bones[bone[v]] : null;
+    const b = bone[v] >= 0 && bone[v] < J ? laid[bone[v]] : null;
     if (!b) continue;
     const along = Math.min(1, Math.max(0, dot(minus(at(center, v), at(centers, bone[v])), b.way) / b.size)) * b.steps, before = Math.min(Math.floor(along), b.steps - 1);
     place[2 * v] = b.known(before);
@@ -128,12 +207,12 @@ function stations(skin, center, radius) {
     share[2 * v] = 1 - (along - before);
     share[2 * v + 1] = along - before;
   }
-  return { place, share };
+  return { place, share, links };
 }
 
 /** (n) how much each influence carries of the centre of its vertex, which is there; not yet of sum one. */
-function carrying(skin, center) {
-  const near = membership(skin, center);
+function carrying(skin, center, radius) {
+  const near = membership(skin, center, radius);
   return Float64Array.from(skin.weight, (w, k) => w ** 2 * (near[k] + LEAST));
 }
 
@@ -149,8 +228,8 @@ function means({ V, row }, share, feet) {
 }
 
 /** (n) weights that carry the centres, with the sum of the weights that move. */
-function carriers(skin, center) {
-  const { V, J, row, joint, weight } = skin, out = Float32Array.from(weight), carry = carrying(skin, center);
+function carriers(skin, center, radius) {
+  const { V, J, row, joint, weight } = skin, out = Float32Array.from(weight), carry = carrying(skin, center, radius);
   for (let v = 0; v < V; v++) {
     let plain = 0, sharp = 0;
     for (let k = row[v]; k < row[v + 1]; k++) if (joint[k] < J) { plain += weight[k]; sharp += carry[k]; }
@@ -160,10 +239,10 @@ function carriers(skin, center) {
 }
 
 /** (n) for each influence how far the centre of its vertex lies past its joint and before the next ones, 0..1. */
-function membership({ V, J, row, joint, rest, centers, parents }, center) {
+function membership({ V, J, row, joint, centers, parents }, center, radii) {
   const way = ways(centers, parents), above = aboves({ V, J, row, joint, parents }), past = new Float64Array(joint.length).fill(1), out = new Float64Array(joint.length).fill(1);
   for (let v = 0; v < V; v++) {
-    const c = center.subarray(3 * v, 3 * v + 3), radius = SOFT * Math.max(1e-3, Math.hypot(rest[3 * v] - c[0], rest[3 * v + 1] - c[1], rest[3 * v + 2] - c[2]));
+    const c = center.subarray(3 * v, 3 * v + 3), radius = SOFT * Math.max(1e-3, radii[v]);
     for (let k = row[v]; k < row[v + 1]; k++) {
       if (above[k] < 0) continue;
       past[k] = smooth(dot(minus(c, at(centers, joint[k])), way[joint[k]]), -radius, radius);
@@ -299,5 +378,6 @@ function neighbours({ V, rest, triangles }) {
 const at = (points, i) => [points[3 * i], points[3 * i + 1], points[3 * i + 2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const plus = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const unit = (a) => { const s = Math.max(Math.hypot(...a), 1e-12); return [a[0] / s, a[1] / s, a[2] / s]; };
