@@ -24,6 +24,7 @@ from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
+from vitruvian.hanim.defbody import corners
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
 from vitruvian.modeling.fans import Fan, fan, tilts
@@ -93,6 +94,8 @@ def contoured(
         except VitruvianError as missing:
             _passed(cuts, missing)
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
+    for m in made:
+        _cornered(cuts, m)
     error = _error(cuts.body, [m.surface for m in made])
     return ContourBody(_assembled(humanoid, made, _pieces(cuts, made), cuts), error, cuts.scale)
 
@@ -129,7 +132,8 @@ class Made:
 
     `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`; `bored`:
     whether a hole is bored into that. `bands`:
-    where it shows several parts of the skin, the contour from which on and the number of each."""
+    where it shows several parts of the skin, the contour from which on and the number of each. `columns`: which points of
+    the loops are the surface's, None: all."""
 
     joint: int
     surface: ContourSurface
@@ -141,6 +145,7 @@ class Made:
     regions: tuple[int, int] = (0, 0)
     bands: tuple[tuple[int, int], ...] = ()
     bored: tuple[bool, bool] = (False, False)
+    columns: NDArray | None = None
 
 
 def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
@@ -258,7 +263,7 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
         ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
-        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10)))
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10), columns=which))
     return out
 
 
@@ -299,6 +304,30 @@ def _necked(cuts: Cuts, made: Rings, centers: Floats, axis: Floats, around: Floa
     segment = tables.joints()[name].segment if name in tables.joints() else "c7"
     surface = ContourSurface(f"{segment}_def", made.points, colors=cuts.colored(made), uv=cuts.mapped(made))
     return Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2, (HEAD, 0))
+
+
+def _cornered(cuts: Cuts, made: Made) -> None:
+    """Texture coordinates of the corners of a surface's faces, where borders of the map run between its points."""
+    s = made.surface
+    if s.uv is None or cuts.charts is None:
+        return
+    face = made.rings.face if made.columns is None else made.rings.face[:, made.columns]
+    at = lambda a: corners(a, s.closed).reshape(-1, 4, *a.shape[2:])  # noqa: E731
+    uv = at(s.uv)
+    shown = made.bands or ((0, _most(cuts, made)),)
+    starts = np.array([k for k, _ in shown])
+    part = np.array([n for _, n in shown])[np.searchsorted(starts, np.arange(len(s.points) - 1), "right") - 1]
+    group = cuts.charts.of_parts[part]
+    each = len(uv) // len(group)
+    found = cuts.charts.mapped(at(s.points), at(face), uv, np.repeat(group, each))
+    if (found != uv).any():
+        s.uv_corners = found.reshape(len(group), each, 4, 2)
+
+
+def _most(cuts: Cuts, made: Made) -> int:
+    """The part of the skin that most points of a surface lie on, -1: none."""
+    face = made.rings.face[made.rings.face >= 0]
+    return int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
 
 
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
@@ -409,9 +438,7 @@ def _assembled(humanoid: Humanoid, made: list[Made], pieces: Skin, cuts: Cuts) -
     looks = {s.name or s.material.name: s.material for s in humanoid.skin}
     looks |= {s.name or s.material.name or g.name: s.material for g in humanoid.segments() for s in g.shapes}
     for m in made:
-        face = m.rings.face[m.rings.face >= 0]
-        most = int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
-        m.surface.material = _look(cuts.skin, most, looks)
+        m.surface.material = _look(cuts.skin, _most(cuts, m), looks)
         m.surface.bands = tuple((k, _look(cuts.skin, number, looks)) for k, number in m.bands)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
     weights = pieces.weights
