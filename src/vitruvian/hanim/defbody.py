@@ -247,9 +247,7 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
     )  # fmt: skip
 
 
-def _texture(
-    reading: Reading, node: Node, count: int, each: int, closed: bool
-) -> tuple[Array | None, Array | None]:
+def _texture(reading: Reading, node: Node, count: int, each: int, closed: bool) -> tuple[Array | None, Array | None]:
     """(C,P,2) texture coordinates of a surface's points and (C-1,F,4,2) of the corners of its faces; None where there
     are none."""
     texture = reading.numbers(node, "TexCoords", "MFVec2f", 2)

@@ -31,7 +31,9 @@ class Charts:
         self.uv = skin.uv[skin.uv_triangles]
         # one number for the parts that the same picture lies on, and for each part without one; -1: no part
         numbers: dict[object, int] = {}
-        self.of_parts = np.array([numbers.setdefault(p.picture or n, len(numbers)) for n, p in enumerate(skin.parts)] + [-1])
+        self.of_parts = np.array(
+            [numbers.setdefault(p.picture or n, len(numbers)) for n, p in enumerate(skin.parts)] + [-1]
+        )
         self.group = np.repeat(self.of_parts[:-1], [p.stop - p.start for p in skin.parts])
         self.island = _islands(triangles, self.uv, self.group)
         corners = skin.rest[triangles]

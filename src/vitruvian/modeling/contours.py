@@ -161,6 +161,7 @@ def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
                 # a seam is one loop, of both surfaces
                 above = out[-1].surface
                 made.surface.points[0] = above.points[-1]
+                made.rings.face[0] = out[-1].rings.face[-1]
                 for own, other in ((made.surface.colors, above.colors), (made.surface.uv, above.uv)):
                     if own is not None and other is not None:
                         own[0] = other[-1]
@@ -337,7 +338,7 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
         np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
     ]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
-    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners)
+    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners, cuts.charts)
     ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
     loops = [_loop(cuts, *one) for one in ends]
     if cuts.segmented:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
+from vitruvian.modeling.charts import Charts
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
@@ -65,8 +66,9 @@ class Loop:
 class Cloth:
     """A skin on the way to be cut: triangles know which they come from, vertices which loops they lie on."""
 
-    def __init__(self, skin: Skin, sliced: Whole, corners: Ints):
-        """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours."""
+    def __init__(self, skin: Skin, sliced: Whole, corners: Ints, charts: Charts | None = None):
+        """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours. `charts`: of the skin, where
+        it has texture coordinates."""
         self.rest, self.triangles = skin.rest, skin.triangles
         self.uv, self.corners = _looks(skin, corners)
         self.first, self.looks = self.corners, self.uv
@@ -76,7 +78,7 @@ class Cloth:
         self.free[sliced] = True
         self.blend: list[tuple[Whole, Floats]] = []  # new vertices: the pair (n,2) each lies between, and where (n,)
         self.on: list[Mask] = []
-        self.skin = skin
+        self.skin, self.charts = skin, charts
 
     def cut(self, loop: Loop) -> None:
         """Divide the triangles along the plane beyond a contour."""
@@ -245,6 +247,7 @@ class Cloth:
         self.rest = np.concatenate([self.rest, loop.ring.points[0]])
         face, inside = loop.ring.face[0], loop.ring.barycentric[0]
         face = np.where(face >= 0, face, face[np.argmax(face >= 0)])
+        beside: list[int] = []
         corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
         ring_uv = np.arange(each)
         if self.uv is not None:
@@ -253,8 +256,9 @@ class Cloth:
             ring_uv = len(self.uv) + ring_uv
             self.uv = np.concatenate([self.uv, own])
             if loop.bored:  # what a neck runs into keeps its colour up to the seam
-                near = np.linalg.norm(self.rest[line][None] - loop.ring.points[0][:, None], axis=2).argmin(axis=1)
-                ring_uv = np.array([corner_of[int(v)] for v in line[near]])
+                away = np.linalg.norm(self.rest[line][None] - loop.ring.points[0][:, None], axis=2)
+                beside = line[away.argmin(axis=1)].tolist()
+                ring_uv = np.array([corner_of[v] for v in beside])
         a = loop.angles - loop.angles[0]
         b = _angle(self.rest[line] - loop.beyond, loop) - loop.angles[0]
         start = int(np.argmin(np.abs(np.angle(np.exp(1j * b)))))  # beside the contour's first point
@@ -279,12 +283,32 @@ class Cloth:
         uv = np.array([[known.get(v, corner_of.get(v, 0)) for v in row] for row in strip.tolist()], np.int32)
         near = np.flatnonzero(np.isin(self.triangles, line).any(axis=1))
         home = int(np.bincount(self.part[near]).argmax())
+        if self.charts is not None:
+            lies = dict(zip(self.triangles.ravel().tolist(), np.repeat(self.origin, 3).tolist(), strict=True))
+            there = [lies[v] for v in beside] if loop.bored else loop.ring.face[0]
+            lies |= dict(zip(ring.tolist(), there, strict=True))
+            on = np.array([[lies[v] for v in row] for row in strip.tolist()], np.int64)
+            uv = self._shown(self.charts, strip, on, uv, home)
         self.triangles = np.concatenate([self.triangles, strip])
         self.corners = np.concatenate([self.corners, uv])
         self.part = np.concatenate([self.part, np.full(len(strip), home)])
         self.origin = np.concatenate([self.origin, np.full(len(strip), -1)])
         self.free = np.concatenate([self.free, np.zeros(len(strip), bool)])
         return ring
+
+    def _shown(self, charts: Charts, strip: Ints, on: Whole, looks: Ints, part: int) -> Ints:
+        """(n,3) what corners of sewn triangles (n,3) look like, each triangle on one island of the map of its part: those
+        that they lie `on` (n,3) and their `looks` (n,3) there, and more where these lie on others."""
+        assert self.uv is not None
+        own = self.uv[looks]
+        group = np.full(len(strip), charts.of_parts[part])
+        found = charts.mapped(self.rest[strip], on, own[..., :2], group)
+        other = (found != own[..., :2]).any(axis=-1)
+        more = np.concatenate([found[other], own[other][:, 2:]], axis=1)
+        out = looks.copy()
+        out[other] = len(self.uv) + np.arange(len(more))
+        self.uv = np.concatenate([self.uv, more])
+        return out
 
     def _line(self, number: int, loop: Loop) -> Whole | None:
         """The vertices of the widest loop that a cut left, the angle growing; None when there is none."""
