@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from scipy.spatial import cKDTree
 
 import vitruvian as vt
@@ -41,8 +40,8 @@ def body(made):
 
 def smeared(original: Body, body: Body) -> dict[str, int]:
     """By part: how many faces, of contours and of what is sewn to them, have texture coordinates over four times as far
-    apart as the map of the original is stretched near them (a chord over a hollow is thrice as far). `fixed` contours in the trunk, which nobody sees, are
-    not counted."""
+    apart as the map of the original is stretched near them (a chord over a hollow is thrice as far). `fixed` contours in
+    the trunk, which nobody sees, are not counted."""
     of, near_of = (surface_faces(b.skin) for b in (body, original))
     hidden = np.zeros(len(body.skin.rest), bool)
     for s in body.contours:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError, warn
-from vitruvian.hanim.defbody import corners
+from vitruvian.hanim.defbody import corners, halved
 from vitruvian.hanim.humanoid import RAMPS
 
 
@@ -297,12 +297,6 @@ def spine_shares(
 def grid(numbers: Ints, closed: bool) -> Ints:
     """(T,3) triangles between neighbouring contours of points (C,P), the outside out."""
     return halved(corners(numbers, closed))
-
-
-def halved(quads: Ints) -> Ints:
-    """(2F,3) triangles of faces (...,4) between contours, from the upper left corner on: one of each, then the others."""
-    flat = quads.reshape(-1, 4)
-    return np.concatenate([flat[:, [0, 2, 1]], flat[:, [0, 3, 2]]]).astype(np.int32)
 
 
 def carried_on(index: Ints, triangles: Ints, each: int, closed: bool) -> Ints:

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vitruvian.body.contours import Contours, grid, halved
+from vitruvian.body.contours import Contours, grid
 from vitruvian.body.hands import stored_roundings
 from vitruvian.body.kinematics import transform_matrix
 from vitruvian.body.organise import equivalent, joined, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Drive, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
-from vitruvian.hanim.defbody import mapped
+from vitruvian.hanim.defbody import halved, mapped
 from vitruvian.hanim.drivers import driver_of
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.welding import pieces, restored

@@ -4,8 +4,8 @@ Fields as published; repaired: `name` has a type, `Texscale` is 1 1 (0 0 would c
 coordinates (without them a texture swims as the surface deforms). Added: colours per point, `closed`, `ramp`, `diversion`,
 `mitre`, `recentre`, `spread`, `bulge`, `tilt`, and `bands`: the contours from which on faces show a cloth of another name
 and shininess. `TexCoords` are those of the points; where a border of the map runs between points, more of them follow, and
-`TexCoordsIndex` says which the corners of the faces have. Points are in the frame of the surface's joint, whose axes are the world's: `translation` is the joint's
-centre.
+`TexCoordsIndex` says which the corners of the faces have. Points are in the frame of the surface's joint, whose axes are
+the world's: `translation` is the joint's centre.
 """
 
 from __future__ import annotations
@@ -101,6 +101,12 @@ def corners(points: np.ndarray, closed: bool) -> np.ndarray:
     return np.stack([left[:-1], right[:-1], right[1:], left[1:]], axis=2)
 
 
+def halved(quads: np.ndarray) -> np.ndarray:
+    """(2F,3) triangles of faces (...,4) between contours, from the upper left corner on: one of each, then the others."""
+    flat = quads.reshape(-1, 4)
+    return np.concatenate([flat[:, [0, 2, 1]], flat[:, [0, 3, 2]]]).astype(np.int32)
+
+
 def faces(count: int, each: int, closed: bool) -> np.ndarray:
     """coordIndex of the grid of `count` contours of `each` points: quadrangles, the outside out."""
     return _listed(corners(np.arange(count * each).reshape(count, each), closed))
@@ -108,8 +114,21 @@ def faces(count: int, each: int, closed: bool) -> np.ndarray:
 
 def _listed(numbers: np.ndarray) -> np.ndarray:
     """Numbers of the corners (C-1,F,4) of quadrangles, as an IndexedFaceSet lists them."""
-    turned = numbers[..., [0, 3, 2, 1]]
-    return np.concatenate([turned, np.full_like(turned[..., :1], -1)], axis=-1).reshape(-1).astype(np.int32)
+    return closed_faces(numbers[..., [0, 3, 2, 1]])
+
+
+def closed_faces(numbers: np.ndarray) -> np.ndarray:
+    """Faces (...,n) of n corners as an IndexedFaceSet lists them: -1 after each."""
+    return np.concatenate([numbers, np.full_like(numbers[..., :1], -1)], axis=-1).reshape(-1).astype(np.int32)
+
+
+def listed_corners(index: np.ndarray, count: int) -> np.ndarray:
+    """(C-1,F,4) what an IndexedFaceSet lists (`index`) for the corners of faces between `count` contours: quadrangles, or
+    the triangles that they are cut into."""
+    if len(index) % 5 == 0 and (index[4::5] < 0).all() and not (index.reshape(-1, 5)[:, :4] < 0).any():
+        return index.reshape(-1, 5)[:, [0, 3, 2, 1]].reshape(count - 1, -1, 4)
+    one, other = np.split(index.reshape(-1, 4), 2)
+    return np.concatenate([one[:, [0, 2, 1]], other[:, 1:2]], axis=1).reshape(count - 1, -1, 4)
 
 
 def mapped(surface: ContourSurface) -> tuple[Array, np.ndarray]:
@@ -257,17 +276,17 @@ def _texture(reading: Reading, node: Node, count: int, each: int, closed: bool) 
     own = texture[: count * each].reshape(count, each, 2)
     if not len(index):
         return (own, None) if len(texture) == count * each else (None, None)
-    grid = faces(count, each, closed)
-    fits = len(index) == len(grid) and not ((index < 0) != (grid < 0)).any() and int(index.max()) < len(texture)
+    quads = corners(np.arange(count * each).reshape(count, each), closed)
     listed = reading.indices(node, "PointsIndex")
-    if not fits or not (np.array_equal(listed, grid) or not len(listed)):
+    known = any(np.array_equal(listed, f) for f in (_listed(quads), closed_faces(halved(quads))))
+    if not known or not np.array_equal(index < 0, listed < 0) or int(index.max()) >= len(texture):
         reading.broken(
             f"{reading.who(node)} TexCoordsIndex: expected numbers of {len(texture)} TexCoords for the corners of "
-            f"{len(grid) // 5} quadrangles between contours, as PointsIndex lists them, found others",
+            f"{quads.size // 4} quadrangles between contours, as PointsIndex lists them, found others",
             node,
         )
         return own, None
-    return own, texture[index.reshape(-1, 5)[:, [0, 3, 2, 1]]].reshape(count - 1, -1, 4, 2)
+    return own, texture[listed_corners(index, count)]
 
 
 def _picture(reading: Reading, node: Node) -> Picture | None:
