@@ -104,6 +104,12 @@ def test_no_face_is_smeared_over_a_border_of_the_map(figure, made, body):
     assert sum(smeared(vt.pack(figure), vt.pack(made)).values()) > 100  # what coordinates of points alone would show
 
 
+def test_no_face_has_become_a_line(made, body):
+    """Welded points leave such faces, which `check` calls an error."""
+    for triangles in [body.skin.triangles, *(s.triangles for s in made.skin)]:
+        assert (triangles != np.roll(triangles, 1, axis=1)).all()
+
+
 @pytest.mark.parametrize("step", [2, 4])
 def test_no_face_of_a_coarse_level_is_smeared(figure, body, step):
     assert not smeared(vt.pack(figure), coarser(body, contours=step, points=step)[0])

@@ -392,7 +392,9 @@ class Cloth:
         return kept[:, None] * table + share.T @ own
 
     def finished(self, table: Floats) -> Skin:
-        """The skin that is left, with weights (V,J) of all vertices."""
+        """The skin that is left, with weights (V,J) of all vertices; without triangles that have become lines."""
+        a, b, c = self.triangles.T
+        self.without((a == b) | (b == c) | (c == a))
         order = np.argsort(self.part, kind="stable")
         triangles, corners, part = self.triangles[order], self.corners[order], self.part[order]
         uv = uv_triangles = colors = None
