@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -201,10 +202,12 @@ class _Writer:
                 for field in ("coord", "normal"):
                     uses = [_use(g.children(field)[0]) for g in geometry]
                     declare(ProtoField("initializeOnly", "MFNode", f"{field}Nodes", uses))
-        looks = [t if t is not None else f for m, n in zip(self.looks, self.plan.levels, strict=True)
-                 for t, f in zip(m, n, strict=True)] if self.bordered else [np.zeros(0, np.int32)]  # fmt: skip
-        shown = ("MFInt32", "looks", np.concatenate([t.reshape(-1) for t in looks]))
-        for kind, name, value in [*values(self.plan, normals), shown]:
+        every = [np.zeros(0, np.int32)]
+        if self.bordered:
+            pairs = zip(chain(*self.looks), chain(*self.plan.levels), strict=True)
+            every = [(own if own is not None else faces).reshape(-1) for own, faces in pairs]
+        numbers = [*values(self.plan, normals), ("MFInt32", "looks", np.concatenate(every))]
+        for kind, name, value in numbers:
             typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
             declare(ProtoField("initializeOnly", kind, name, typed))
         self.code = code(self.plan, self.pointers, self.bordered)
