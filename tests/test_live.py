@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 import sys
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,16 +15,18 @@ import numpy as np
 import pytest
 
 import vitruvian as vt
+from test_pictures import png
 from vitruvian.body.contours import grid
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.deform.contours import ContourOperator, Program
-from vitruvian.errors import VitruvianError
+from vitruvian.errors import VitruvianError, VitruvianWarning
 from vitruvian.formats import registry
 from vitruvian.formats.live import CLOCK, SCRIPT, Live, _below, live_scene
 from vitruvian.formats.live_parts import levels
 from vitruvian.hanim.graph import Node, Proto
 from vitruvian.hanim.graph import Route as SceneRoute
+from vitruvian.hanim.humanoid import Picture
 from vitruvian.modeling.lighter import lightened
 from vitruvian.modeling.tuning import tuned
 from vitruvian.motion.tracks import tracks_of
@@ -232,7 +235,7 @@ ADDED = """([code, fields, names, steps]) => {
   const given = Object.keys(fields), all = 'initialize();' + steps.map((s) => `add_lod([${s}]);`).join('') + `
     const out = [], count = place.each.length;
     for (level = 0; level < (place.facesRow.length - 1) / count; ++level)
-      out.push(place.each.map((_, s) => facesOf(s)));
+      out.push(place.each.map((_, s) => facesOf(s, place.faces)));
     return [out, lod_count];`;
   const make = new Function('MFVec3f', 'MFInt32', 'SFVec3f', ...given, ...names, code + all);
   return make(Array, Array, Array, ...given.map((k) => fields[k]), ...names.map(() => null));
@@ -349,6 +352,16 @@ def open_edges(triangles: np.ndarray, some: np.ndarray) -> set[tuple[int, int]]:
     return {(a, b) for a, b in directed if (b, a) not in directed}
 
 
+def test_a_surface_in_which_fans_of_faces_meet_at_one_point_is_lightened(shared, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VitruvianWarning)
+        made = vt.contours(vt.load(shared / "data/hanim/JinLOA1.x3d"))
+    light = lightened(made, 900)
+    assert {s.name for s in light.skin} == {s.name for s in made.skin} and all(len(s.triangles) for s in light.skin)
+    size = [np.ptp(h.skin_coord[np.concatenate([s.triangles.ravel() for s in h.skin])], axis=0) for h in (made, light)]
+    assert np.abs(size[0] - size[1]).max() < 0.03 * size[0].max() and len(light.skin_coord) < 0.8 * len(made.skin_coord)
+
+
 def test_one_side_is_drawn_where_nothing_is_open_and_seams_share_normals(humanoid):
     def sided(live: Live) -> bool:
         proto = next(n for n in live.scene.body if isinstance(n, Proto) and n.name.startswith("DefBody"))
@@ -394,6 +407,57 @@ def test_pictures_are_drawn_where_a_surface_has_one(humanoid, tmp_path, source, 
     assert pictures(live) == 2
     registry.write_scene(live.scene, tmp_path / f"live.{encoding}")
     assert (tmp_path / f"live.{encoding}").read_text().count("stripes.png") == 1
+
+
+LOOKS = """async ([names, events]) => {
+  const browser = document.querySelector('x3d-canvas').browser;
+  const script = browser.currentScene.getNamedNode('hanim_ContourScript'), all = [];
+  for (const [name, value] of events) {
+    script[name] = Array.isArray(value) ? new X3D.MFInt32(...value) : value;
+    await browser.nextFrame();
+    await browser.nextFrame();
+    all.push(names.map((n) => ['index', 'looks'].map((kind) => Array.from(script[`${n}_${kind}`]))));
+  }
+  return all;
+}"""
+
+
+@pytest.mark.parametrize("encoding", ["x3d", "wrl"])
+def test_pictures_keep_to_one_side_of_a_border_of_the_map(browser, referee, humanoid, tmp_path, encoding):
+    """At every level of detail of a file with pictures; one that is added while it runs has the points' own coordinates."""
+    striped = humanoid.copied()
+    for s in (s for g in striped.segments() for s in g.contours):
+        s.material = dataclasses.replace(s.material, picture=Picture(data=png()))
+    live = live_scene(striped, encoding=encoding)
+    path = tmp_path / f"striped.{encoding}"
+    registry.write_scene(live.scene, path)
+    read = {s.name: s for g in vt.load(path).segments() for s in g.contours}
+    for s in (s for g in striped.segments() for s in g.contours):
+        assert (s.uv_corners is None) == (read[s.name].uv_corners is None)
+        assert s.uv_corners is None or np.allclose(s.uv_corners, read[s.name].uv_corners, atol=1e-6)
+        assert read[s.name].material.picture is not None
+    names = [name for name, s in read.items() if s.uv_corners is not None]
+    assert len(names) > 6
+    events = [["set_lod", 1], ["set_lod", 2], ["set_lod", 0], ["add_lod", [3, 2]], ["set_lod", 3]]
+    with shown(browser, referee, path) as page:
+        found = page.evaluate(LOOKS, [names, events])
+    coordinates = {n.fields["name"]: np.asarray(n.fields["TexCoords"]).reshape(-1, 2) for n in live.scene.walk()
+                   if n.type == "DefBodyTex"}  # fmt: skip
+    edge = lambda a: np.linalg.norm(a - np.roll(a, 1, axis=1), axis=2).max(axis=1)  # noqa: E731
+    smeared = 0
+    for level, shapes in enumerate(found):
+        for name, (index, looks) in zip(names, shapes, strict=True):
+            faces, shown_ = (np.array(a).reshape(-1, 4) for a in (index, looks))
+            assert (faces[:, 3] == -1).all() and (shown_[:, 3] == -1).all()
+            if level > 2:
+                assert level == 3 or np.array_equal(faces, shown_)
+                continue
+            uv, points = coordinates[name], read[name].points.reshape(-1, 3)
+            size = edge(points[faces[:, :3]])
+            dense = np.quantile(edge(uv[shown_[:, :3]]) / size, 0.8)
+            assert (edge(uv[shown_[:, :3]]) < 4 * dense * size).all()
+            smeared += int((edge(uv[faces[:, :3]]) > 4 * dense * size).sum())
+    assert smeared > 50
 
 
 def test_what_is_asked_wrongly_is_refused(humanoid):

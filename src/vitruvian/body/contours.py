@@ -12,6 +12,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.errors import VitruvianError, warn
+from vitruvian.hanim.defbody import corners, halved
 from vitruvian.hanim.humanoid import RAMPS
 
 
@@ -295,8 +296,41 @@ def spine_shares(
 
 def grid(numbers: Ints, closed: bool) -> Ints:
     """(T,3) triangles between neighbouring contours of points (C,P), the outside out."""
-    right = np.roll(numbers, -1, axis=1) if closed else numbers[:, 1:]
-    left = numbers if closed else numbers[:, :-1]
-    a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
-    both = [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)]
-    return np.concatenate(both).astype(np.int32)
+    return halved(corners(numbers, closed))
+
+
+def carried_on(index: Ints, triangles: Ints, each: int, closed: bool) -> Ints:
+    """(T,3) for triangles (T,3) between any points of a surface of `each` points a contour: which texture coordinates
+    their corners have, where those of the faces between neighbouring points are `index` (C-1,F,4).
+
+    A triangle has those of the face in its middle as far as that one's hang together along its contours and then across
+    them; beyond, the last of them: so no triangle lies over a border of the map.
+    """
+    rows, columns = np.divmod(triangles.astype(np.int64), each)
+    if closed:  # the shortest way round, from the first corner on
+        columns = columns[:, :1] + (columns - columns[:, :1] + each // 2) % each - each // 2
+    count, wide = index.shape[:2]
+    wrap = (lambda c: c % each) if closed else (lambda c: c)
+    middle = lambda n: (n.min(axis=1) + np.maximum(n.max(axis=1) - 1, n.min(axis=1)))[:, None] // 2  # noqa: E731
+    home_row = np.minimum(middle(rows), count - 1)
+    home = middle(columns) if closed else np.minimum(middle(columns), wide - 1)
+    below, right = rows > home_row, columns > home
+    corner = np.where(below, np.where(right, 2, 3), np.where(right, 1, 0))
+    goal_row, goal = rows - below, columns - right
+    row, column = np.broadcast_to(home_row, rows.shape).copy(), np.broadcast_to(home, rows.shape).copy()
+    sides = {(0, 1): ((1, 0), (2, 3)), (0, -1): ((0, 1), (3, 2)), (1, 0): ((3, 0), (2, 1)), (-1, 0): ((0, 3), (1, 2))}
+    for down, on in sides:
+        met = sides[down, on]
+        going = np.ones(rows.shape, bool)
+        while True:
+            ahead = down * (goal_row - row) > 0 if down else on * (goal - column) > 0
+            which = np.nonzero(going & ahead)
+            if not len(which[0]):
+                break
+            r, c = row[which], column[which]
+            here, there = index[r, wrap(c)], index[r + down, wrap(c + on)]
+            joined = (here[:, met[0][0]] == there[:, met[0][1]]) & (here[:, met[1][0]] == there[:, met[1][1]])
+            going[which] = joined
+            row[which] += down * joined
+            column[which] += on * joined
+    return index[row, wrap(column), corner].astype(np.int32)

@@ -18,6 +18,7 @@ from vitruvian.body.organise import equivalent, joined, organised
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Drive, Floats, Ints, Morph, Part, Skeleton, Skin, Weights, require
 from vitruvian.errors import VitruvianError, warn
+from vitruvian.hanim.defbody import halved, mapped
 from vitruvian.hanim.drivers import driver_of
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Segment, Shape, Site
 from vitruvian.hanim.welding import pieces, restored
@@ -241,7 +242,8 @@ def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tup
             )
             count, each = points.shape[:2]
             numbers = np.arange(count * each, dtype=np.int32).reshape(count, each)
-            flat = lambda a, n: None if a is None else np.asarray(a, np.float64).reshape(-1, n)  # noqa: E731
+            colors = None if c.colors is None else np.asarray(c.colors, np.float64).reshape(-1, 3)
+            uv, corners = (None, None) if c.uv is None else mapped(c)
             first = surface.add_points(points.reshape(-1, 3))
             starts = [k for k, _ in c.bands]
             fits = not starts or (starts[0] == 0 and max(starts) < count - 1 and starts == sorted(set(starts)))
@@ -249,8 +251,9 @@ def _contours(surface: _Surface, joints: list[Joint], skeleton: Skeleton) -> tup
             stops = [*starts[1:], count - 1]
             for (start, look), stop in zip(c.bands or ((0, c.material),), stops, strict=True):
                 title = c.name if look.name in ("", c.name) else f"{c.name} {look.name}"
-                shape = Shape(title, grid(numbers[start : stop + 1], c.closed), points.reshape(-1, 3), uv=flat(c.uv, 2),
-                              colors=flat(c.colors, 3), material=look)  # fmt: skip
+                own = None if corners is None else halved(corners[start:stop])
+                shape = Shape(title, grid(numbers[start : stop + 1], c.closed), points.reshape(-1, 3), uv=uv,
+                              uv_triangles=own, colors=colors, material=look)  # fmt: skip
                 surface.add_shape(shape, first, c.name)
             found.append((i, c, numbers + np.int32(first)))
     return organised(found, skeleton)

@@ -151,15 +151,18 @@ def _write_live(
 
     from vitruvian.formats import registry
     from vitruvian.formats.live import live_scene
+    from vitruvian.formats.pictures import Addresses
     from vitruvian.modeling.lighter import lightened
 
     form = registry.extension(out)
     shown = lightened(humanoid, skin, fingers=fingers) if skin else humanoid
     encoding = "x3dj" if form == ".json" else form[1:]
-    made = live_scene(shown, encoding=encoding, pointers=pointers, schemes=schemes or None)
+    addresses = Addresses(out, beside=encoding == "wrl")  # VRML97 browsers know no data URIs
+    made = live_scene(shown, encoding=encoding, pointers=pointers, schemes=schemes or None, address=addresses)
+    addresses.write()
     registry.write_scene(made.scene, out)
     return {
-        "lost": made.lost,
+        "lost": made.lost + addresses.lost(),
         "script_bytes": made.report["script_bytes"],
         "file_gzip_bytes": len(gzip.compress(out.read_bytes(), mtime=0)),
         "pose_ms": round(_pose_ms(made.body), 3),

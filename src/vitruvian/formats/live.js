@@ -35,7 +35,7 @@ function initialize() {
     pair: plain(pair), area: plain(area), free: plain(free), points: plain(points), normals: plain(normals),
     softRow: plain(softRow), softJoint: plain(softJoint), softWeight: plain(softWeight), softEnd: plain(softEnd),
     tied: plain(tied), stays: plain(stays), closed: plain(closed), seenSurface: plain(seenSurface), round: plain(round),
-    facesRow: plain(facesRow), faces: plain(faces)
+    facesRow: plain(facesRow), faces: plain(faces), looks: plain(looks)
   };
   J = place.parent.length;
   turns = []; fresh = []; links = []; parts = []; local = [];
@@ -70,7 +70,7 @@ function set_lod(value) {
   var levels = (place.facesRow.length - 1) / place.each.length, s, i, a;
   level = Math.max(0, Math.min(value, levels - 1));
   for (s = 0; s < place.each.length; ++s) {
-    a = facesOf(s);
+    a = facesOf(s, place.faces);
     parts[s].used = everything(0);
     for (i = 0; i < parts[s].count; ++i) parts[s].used.push(0);
     for (i = 0; i < a.length; ++i) parts[s].used[a[i]] = 1;
@@ -91,6 +91,7 @@ function add_lod(value) {
     for (i = 1; i < rows.length; ++i) band(s, rows[i - 1], rows[i], steps[1]);
     p.facesRow.push(p.faces.length);
   }
+  for (i = p.looks.length; i > 0 && i < p.faces.length; ++i) p.looks.push(p.faces[i]);
   lod_count = (p.facesRow.length - 1) / p.each.length;
 }
 
@@ -113,13 +114,13 @@ function band(s, near, far, n) {
   }
 }
 
-function facesOf(s) {
+function facesOf(s, all) {
   var i = level * place.each.length + s;
-  return place.faces.slice(place.facesRow[i], place.facesRow[i + 1]);
+  return all.slice(place.facesRow[i], place.facesRow[i + 1]);
 }
 
-function index(s) {
-  var a = facesOf(s), out = new MFInt32(), i, n = 0;
+function index(s, all) {
+  var a = facesOf(s, all), out = new MFInt32(), i, n = 0;
   for (i = 0; i < a.length; ++i) { out[n++] = a[i]; if (i % 3 === 2) out[n++] = -1; }
   return out;
 }

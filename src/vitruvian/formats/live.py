@@ -9,10 +9,13 @@ Script node and interception of events; plain ECMAScript, ROUTEs instead of dire
 from __future__ import annotations
 
 import gzip
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
+from vitruvian.body.contours import carried_on
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Body, Ints
 from vitruvian.errors import VitruvianError
@@ -20,8 +23,9 @@ from vitruvian.formats.live_parts import Soft, parted, smooth_normals
 from vitruvian.formats.live_script import Plan, code, plan, values
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.convert import converted
+from vitruvian.hanim.defbody import closed_faces, listed_corners
 from vitruvian.hanim.graph import Literal, Node, Proto, ProtoField, Route, Scene, Use
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.humanoid import Humanoid, Picture
 from vitruvian.hanim.values import parse
 
 SCRIPT, CLOCK = "hanim_ContourScript", "hanim_ClockScript"
@@ -64,14 +68,15 @@ def live_scene(
     version: str | None = None,
     pointers: str = "routes",
     schemes: tuple[str, ...] | None = None,
+    address: Callable[[Picture], list[str]] | None = None,
 ) -> Live:
     """A scene of a humanoid with contours, and the Script that deforms it.
 
     `encoding` and `version` as in `scene_of` (default 2.0, in VRML97 200x). `pointers`: "routes" sends points and
     rotations by ROUTEs, which every browser has; "human" gives the Script one pointer to the Humanoid, "nodes" lists of
     the joints and surfaces, and no ROUTEs leave it. `schemes`: how the Script's url may begin, one copy of the code each;
-    default "javascript" in VRML97, "ecmascript" in X3D. Raises VitruvianError for a body without contours and for an
-    unknown option.
+    default "javascript" in VRML97, "ecmascript" in X3D. `address` gives the urls of pictures (default: their own).
+    Raises VitruvianError for a body without contours and for an unknown option.
     """
     schemes = schemes or (("javascript",) if encoding == "wrl" else ("ecmascript",))
     known(pointers, schemes)
@@ -81,7 +86,7 @@ def live_scene(
     if not body.contours:
         raise VitruvianError("live: expected a body with contours, found none; make one by `contours`")
     cut, soft = parted(there, body)
-    scene, lost = scene_of([cut], version=version, encoding=encoding)
+    scene, lost = scene_of([cut], version=version, encoding=encoding, address=address)
     made = _Writer(scene, plan(body, soft), pointers, schemes)
     made.write()
     report = {
@@ -126,18 +131,35 @@ class _Writer:
                 if name not in have:
                     raise VitruvianError(f"live: expected a node of {what} {name} in the scene, found none")
         self.code = ""
+        instances = self.surfaces.values()
+        self.pictured = any(map(_pictured, instances))
+        self.looks = [self._looks(level) for level in plan.levels]
+        # surfaces whose faces need texture coordinates of their own at each level, as a border of the map crosses them
+        self.bordered = [i for i, t in enumerate(self.looks[0]) if self.pictured and t is not None]
+
+    def _looks(self, faces: list[Ints]) -> list[Ints | None]:
+        """Texture coordinates of the corners of a level's faces, by surfaces; None: those of the points."""
+        out: list[Ints | None] = []
+        for surface, triangles in zip(self.body.contours, faces, strict=True):
+            index = self.surfaces[surface.name].fields.get("TexCoordsIndex")
+            count, each = surface.vertices.shape
+            corners = None if index is None else listed_corners(np.asarray(index), count)
+            out.append(None if corners is None else carried_on(corners, triangles, each, surface.closed))
+        return out
 
     def write(self) -> None:
         prefix = "hanim_"
         self._prototypes()
         normals = smooth_normals(self.body)[np.concatenate([s.vertices.ravel() for s in self.body.contours])]
         first = 0
-        for surface, triangles in zip(self.body.contours, self.plan.levels[0], strict=True):
+        for surface, triangles, looks in zip(self.body.contours, self.plan.levels[0], self.looks[0], strict=True):
             fields = self.surfaces[surface.name].fields
             count = surface.vertices.size
             fields["Normals"] = normals[first : first + count]
             first += count
-            fields["PointsIndex"] = _closed_faces(triangles)
+            fields["PointsIndex"] = closed_faces(triangles)
+            if looks is not None:
+                fields["TexCoordsIndex"] = closed_faces(looks)
         # what receives points and normals: (name, node, its field) each
         parts: list[tuple[str, tuple[Node, str], tuple[Node, str]]] = [
             (s.name, (node := self.surfaces[s.name], "Points"), (node, "Normals")) for s in self.body.contours
@@ -162,6 +184,8 @@ class _Writer:
                 declare(ProtoField("outputOnly", "MFVec3f", f"{name}_normals"))
             for surface in self.body.contours:
                 declare(ProtoField("outputOnly", "MFInt32", f"{surface.name}_index"))
+            for i in self.bordered:
+                declare(ProtoField("outputOnly", "MFInt32", f"{self.body.contours[i].name}_looks"))
         else:
             script.fields["directOutput"] = True
             script.fields["mustEvaluate"] = True
@@ -178,10 +202,15 @@ class _Writer:
                 for field in ("coord", "normal"):
                     uses = [_use(g.children(field)[0]) for g in geometry]
                     declare(ProtoField("initializeOnly", "MFNode", f"{field}Nodes", uses))
-        for kind, name, value in values(self.plan, normals):
+        every = [np.zeros(0, np.int32)]
+        if self.bordered:
+            pairs = zip(chain(*self.looks), chain(*self.plan.levels), strict=True)
+            every = [(own if own is not None else faces).reshape(-1) for own, faces in pairs]
+        numbers = [*values(self.plan, normals), ("MFInt32", "looks", np.concatenate(every))]
+        for kind, name, value in numbers:
             typed = np.asarray(value, np.int32 if kind == "MFInt32" else np.float64)
             declare(ProtoField("initializeOnly", kind, name, typed))
-        self.code = code(self.plan, self.pointers)
+        self.code = code(self.plan, self.pointers, self.bordered)
         self._url(script, [f"{scheme}:\n{self.code}" for scheme in self.schemes])
         body = self.scene.body
         self._reroute({node.name: name for name, node in self.joints.items() if name in self.names})
@@ -196,6 +225,8 @@ class _Writer:
                 body.append(Route(SCRIPT, f"{name}_normals", other.name, f"set_{vectors}"))
             for surface in self.body.contours:
                 body.append(Route(SCRIPT, f"{surface.name}_index", self.surfaces[surface.name].name, "set_PointsIndex"))
+            for name in (self.body.contours[i].name for i in self.bordered):
+                body.append(Route(SCRIPT, f"{name}_looks", self.surfaces[name].name, "set_TexCoordsIndex"))
         self._clock()
         # Routes are read in the order of the file: those from the script come after its node.
         body.sort(key=lambda statement: isinstance(statement, Route))
@@ -203,8 +234,8 @@ class _Writer:
     def _prototypes(self) -> None:
         """DefBody with normals and with faces that events change, and without a picture where no surface has one: an
         empty one costs as much to draw as any. In X3D the faces are strips of one triangle each, of which X_ITE keeps
-        a list, while it reads the indices of other sets through a proxy at each change."""
-        pictured = any(map(_pictured, self.surfaces.values()))
+        a list, while it reads the indices of other sets through a proxy at each change; but strips have no texture
+        coordinates of their own for corners."""
         for proto in self.scene.body:
             if not isinstance(proto, Proto) or proto.name not in ("DefBody", "DefBodyTex"):
                 continue
@@ -213,17 +244,21 @@ class _Writer:
             proto.interface.append(ProtoField("inputOutput", "MFVec3f", "Normals", empty))
             shown = next(n for top in proto.body if isinstance(top, Node) for n in _below(top) if n.type == "Shape")
             geometry = shown.children("geometry")[0]
-            if not pictured:
+            if not self.pictured:
                 for field in ("texture", "textureTransform"):
                     shown.children("appearance")[0].fields.pop(field, None)
                 geometry.fields.pop("texCoord", None)
-            inner = "index" if self.native else "coordIndex"
+            bordered = bool(self.bordered) and proto.name == "DefBodyTex"
+            inner = "index" if self.native and not bordered else "coordIndex"
             geometry.connects = [(inner, "PointsIndex"), (f"set_{inner}", "set_PointsIndex")]
+            if bordered:
+                proto.interface.append(ProtoField("inputOnly", "MFInt32", "set_TexCoordsIndex"))
+                geometry.connects += [("texCoordIndex", "TexCoordsIndex"), ("set_texCoordIndex", "set_TexCoordsIndex")]
             geometry.fields = {
                 "solid": self._closed(),
                 **{k: v for k, v in geometry.fields.items() if isinstance(v, Node)},
             }
-            if self.native:
+            if self.native and not bordered:
                 geometry.type = _STRIPS
             geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
             geometry.name = "faces"
@@ -323,11 +358,6 @@ def _below(top: Node) -> list[Node]:
 
 def _use(node: Node) -> Use:
     return Use(node.name, node, type=node.type)
-
-
-def _closed_faces(triangles: Ints) -> Ints:
-    """coordIndex of triangles (t,3): -1 after each."""
-    return np.insert(triangles, 3, -1, axis=1).reshape(-1).astype(np.int32)
 
 
 def _pictured(node: Node) -> bool:

@@ -6,6 +6,7 @@ concerns, and one function or line for each event that comes or goes.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from importlib.resources import files
 
@@ -125,15 +126,17 @@ def _recentred(p: Program, renumber: Ints) -> list[tuple[str, str, np.ndarray]]:
     ]
 
 
-def code(plan: Plan, pointers: str) -> str:
-    """The script: what is the same in every file, and one function or line for each event that comes or goes."""
+def code(plan: Plan, pointers: str, bordered: Collection[int] = ()) -> str:
+    """The script: what is the same in every file, and one function or line for each event that comes or goes. `bordered`:
+    numbers of surfaces whose faces have texture coordinates of their own."""
     parts, names = plan.parts, plan.names
     template = (files("vitruvian.formats") / "live.js").read_text("utf-8")
     lines = [f"function hanim_{name}Def(value) {{ turn({i}, value); }}" for i, name in enumerate(names)]
     lines += [f"function hanim_{a}Def(value) {{ hanim_{name}Def(value); }}" for a, name in plan.aliases.items()]
     surfaces = len(plan.body.contours)
     if pointers == "routes":
-        points, vectors, faces = ([f"{n}_{kind}" for n in parts] for kind in ("points", "normals", "index"))
+        kinds = ("points", "normals", "index", "looks")
+        points, vectors, faces, looks = ([f"{n}_{kind}" for n in parts] for kind in kinds)
         rotations = [f"hanim_{name}_rotation" for name in names]
     else:
         if pointers == "human":
@@ -148,10 +151,14 @@ def code(plan: Plan, pointers: str) -> str:
         points = [f"{a}.Points" for a in at] + [f"coordNodes[{i}].point" for i in count]
         vectors = [f"{a}.Normals" for a in at] + [f"normalNodes[{i}].vector" for i in count]
         faces = [f"{a}.set_PointsIndex" for a in at]
+        looks = [f"{a}.set_TexCoordsIndex" for a in at]
     lines.append("function publish() {")
     for i in range(len(parts)):
         if i < surfaces:
-            lines.append(f"  if (parts[{i}].relevel) {{ parts[{i}].relevel = false; {faces[i]} = index({i}); }}")
+            other = f" {looks[i]} = index({i}, place.looks);" if i in bordered else ""
+            lines.append(
+                f"  if (parts[{i}].relevel) {{ parts[{i}].relevel = false; {faces[i]} = index({i}, place.faces);{other} }}"
+            )
         lines.append(
             f"  if (moved[{i}]) {{ {points[i]} = sent(parts[{i}], false); {vectors[i]} = sent(parts[{i}], true); }}"
         )

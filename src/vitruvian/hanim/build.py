@@ -331,7 +331,8 @@ class Builder:
     def _contours(self, surface: ContourSurface, joint: Joint, prefix: str) -> Node:
         textured, colored = surface.uv is not None, surface.colors is not None
         self.defbodies[textured] = self.defbodies.get(textured, False) or colored
-        node = defbody_node(surface, joint.center, self.names.free(prefix + surface.name), textured, colored)
+        name = self.names.free(prefix + surface.name)
+        node = defbody_node(surface, joint.center, name, textured, colored, self.shapes.address)
         self.instances.append((node, surface))
         return node
 

@@ -135,6 +135,9 @@ class ContourSurface:
 
     `points` (C,P,3) at rest in humanoid space, from top to bottom, each contour counter-clockwise seen from the top;
     `closed` False: contours are open, as in the front and back of a torso. `uv` (C,P,2), `colors` (C,P,3) sRGB, or None.
+    `uv_corners` (C-1,F,4,2): texture coordinates of the corners of faces, where a border of the map runs between points;
+    F faces between two contours, P of them, P-1 where `closed` is False, each from its upper left corner on: upper right,
+    lower right, lower left. None: those of the points.
     The first `fixed_upper` contours stay with the parent; over the next `upper` the rotation of the surface's own joint
     is taken up, over the last `lower` half of that of the next joint; contours before `extra` take all of it. `ramp`: how
     the share grows over the contours of a limb, "linear" or "smoothstep".
@@ -160,6 +163,7 @@ class ContourSurface:
     bulge: float = 0.0
     tilt: float = 0.0
     uv: Array | None = None
+    uv_corners: Array | None = None
     colors: Array | None = None
     material: Material = field(default_factory=Material)
     bands: tuple[tuple[int, Material], ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import numpy as np
@@ -82,6 +83,11 @@ class Reading:
             return match[1]
         fields = {f.name for f in self.protos[name].interface} if name in self.protos else set()
         return next((kind for mark, kind in _MARKS if mark in fields), "")
+
+    @property
+    def folder(self) -> str:
+        """Where the file's relative addresses begin; "" when it is none."""
+        return os.path.dirname(os.path.abspath(self.scene.path)) if self.scene.path else ""
 
     def defect(self, rule: str, what: str, node: Node | None = None) -> None:
         """Remember something that is wrong but has one accepted meaning."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -397,9 +396,8 @@ def _picture(reading: Reading, appearance: Node, materials: list[Node]) -> Pictu
         return None
     if id(node) not in reading.pictures:
         urls = tuple(u for t in reading.texts(node, "url") if (u := t.strip()))
-        folder = os.path.dirname(os.path.abspath(reading.scene.path)) if reading.scene.path else ""
         repeat = (reading.flag(node, "repeatS", True), reading.flag(node, "repeatT", True))
-        reading.pictures[id(node)] = Picture(node.name, urls=urls, folder=folder, repeat=repeat, alpha="mask")
+        reading.pictures[id(node)] = Picture(node.name, urls=urls, folder=reading.folder, repeat=repeat, alpha="mask")
     picture = reading.pictures[id(node)]
     return picture if picture.urls else None
 

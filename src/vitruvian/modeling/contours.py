@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from vitruvian.body.contours import Contours
 from vitruvian.body.organise import equivalent, organised
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Part, Skin, require
+from vitruvian.body.types import Floats, Part, Skin, require
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim import tables
+from vitruvian.hanim.defbody import corners
 from vitruvian.hanim.humanoid import ContourSurface, Displacer, Humanoid, Joint, Material, Segment, Shape
 from vitruvian.hanim.welding import pieces, weld
 from vitruvian.modeling.cuts import CLEAR, FRONT, OUTER, Cuts, unit
@@ -32,6 +33,7 @@ from vitruvian.modeling.hems import Hemmed, clear, hemmed
 from vitruvian.modeling.slicing import Rings, rings, section
 from vitruvian.modeling.stitching import Cloth, Loop
 from vitruvian.modeling.throats import HEAD, NECK, Throat, throat
+from vitruvian.modeling.trials import shape_error
 from vitruvian.modeling.tuning import assign
 from vitruvian.modeling.unions import followed, united
 
@@ -99,7 +101,9 @@ def contoured(
         except VitruvianError as missing:
             _passed(cuts, missing)
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
-    error = _error(cuts.body, [m.surface for m in made])
+    for m in made:
+        _cornered(cuts, m)
+    error = shape_error(cuts.body, [m.surface for m in made])
     return ContourBody(_assembled(humanoid, made, _pieces(cuts, made), cuts), error, cuts.scale)
 
 
@@ -135,7 +139,8 @@ class Made:
 
     `ends`: whether its first and last contour are sewn; `regions`: to what in a figure of segments, see `Cuts`; `bored`:
     whether a hole is bored into that. `bands`:
-    where it shows several parts of the skin, the contour from which on and the number of each."""
+    where it shows several parts of the skin, the contour from which on and the number of each. `columns`: which points of
+    the loops are the surface's, None: all."""
 
     joint: int
     surface: ContourSurface
@@ -147,6 +152,7 @@ class Made:
     regions: tuple[int, int] = (0, 0)
     bands: tuple[tuple[int, int], ...] = ()
     bored: tuple[bool, bool] = (False, False)
+    columns: NDArray | None = None
 
 
 def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
@@ -162,6 +168,7 @@ def _limbs(cuts: Cuts, density: float, tilt: Mapping[str, float]) -> list[Made]:
                 # a seam is one loop, of both surfaces
                 above = out[-1].surface
                 made.surface.points[0] = above.points[-1]
+                made.rings.face[0] = out[-1].rings.face[-1]
                 for own, other in ((made.surface.colors, above.colors), (made.surface.uv, above.uv)):
                     if own is not None and other is not None:
                         own[0] = other[-1]
@@ -266,7 +273,8 @@ def _torso(cuts: Cuts, density: float) -> list[Made]:
             colors=part(colors), uv=part(uv),
         )  # fmt: skip
         ends = (name == "front", name == "front" and (not cuts.segmented or bool(cuts.spine)))
-        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, 10 if len(cuts.triangles(10)) else 0)))
+        pelvis = 10 if len(cuts.triangles(10)) else 0
+        out.append(Made(joint, surface, loops, centers, axis, around, ends, (0, pelvis), columns=which))
     return out
 
 
@@ -309,6 +317,30 @@ def _necked(cuts: Cuts, made: Rings, centers: Floats, axis: Floats, around: Floa
     return Made(joint, surface, made, centers, axis, around, (not cuts.segmented,) * 2, (HEAD, 0))
 
 
+def _cornered(cuts: Cuts, made: Made) -> None:
+    """Texture coordinates of the corners of a surface's faces, where borders of the map run between its points."""
+    s = made.surface
+    if s.uv is None or cuts.charts is None:
+        return
+    face = made.rings.face if made.columns is None else made.rings.face[:, made.columns]
+    at = lambda a: corners(a, s.closed).reshape(-1, 4, *a.shape[2:])  # noqa: E731
+    uv = at(s.uv)
+    shown = made.bands or ((0, _most(cuts, made)),)
+    starts = np.array([k for k, _ in shown])
+    part = np.array([n for _, n in shown])[np.searchsorted(starts, np.arange(len(s.points) - 1), "right") - 1]
+    group = cuts.charts.of_parts[part]
+    each = len(uv) // len(group)
+    found = cuts.charts.mapped(at(s.points), at(face), uv, np.repeat(group, each))
+    if (found != uv).any():
+        s.uv_corners = found.reshape(len(group), each, 4, 2)
+
+
+def _most(cuts: Cuts, made: Made) -> int:
+    """The part of the skin that most points of a surface lie on, -1: none."""
+    face = made.rings.face[made.rings.face >= 0]
+    return int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
+
+
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     """Head, hands, feet, shoulders and hips: the skin without what is in contours, sewn to them."""
     skeleton, weights = cuts.body.skeleton, cuts.skin.weights
@@ -316,7 +348,7 @@ def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
         np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
     ]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
-    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners)
+    cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners, cuts.charts)
     ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
     loops = [_loop(cuts, *one) for one in ends]
     if cuts.segmented:
@@ -418,9 +450,7 @@ def _assembled(humanoid: Humanoid, made: list[Made], pieces: Skin, cuts: Cuts) -
     looks = {s.name or s.material.name: s.material for s in humanoid.skin}
     looks |= {s.name or s.material.name or g.name: s.material for g in humanoid.segments() for s in g.shapes}
     for m in made:
-        face = m.rings.face[m.rings.face >= 0]
-        most = int(np.bincount(cuts.part[face]).argmax()) if len(face) else -1
-        m.surface.material = _look(cuts.skin, most, looks)
+        m.surface.material = _look(cuts.skin, _most(cuts, m), looks)
         m.surface.bands = tuple((k, _look(cuts.skin, number, looks)) for k, number in m.bands)
     skeleton = [copies[id(j)] for j in humanoid.skeleton]
     weights = pieces.weights
@@ -455,19 +485,3 @@ def _look(skin: Skin, number: int, looks: dict[str, Material]) -> Material:
     part = skin.parts[number] if number >= 0 else Part("contours", 0, 0)
     found = looks.get(part.name) or Material(part.name, part.color, part.roughness, part.metallic, part.opacity)
     return replace(found, name=part.name, double_sided=True, node=None)
-
-
-def _error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:
-    """Mean and largest distance (m) of the contours' faces from the original surface."""
-    import igl
-
-    centers = []
-    for s in surfaces:
-        p = s.points[max(s.fixed_upper, 0) :]
-        right = np.roll(p, -1, axis=1) if s.closed else p[:, 1:]
-        left = p if s.closed else p[:, :-1]
-        centers.append(((left[:-1] + right[:-1] + left[1:] + right[1:]) / 4).reshape(-1, 3))
-    samples = np.ascontiguousarray(np.concatenate(centers))
-    squared = igl.point_mesh_squared_distance(samples, body.skin.rest, body.skin.triangles.astype(np.int64))[0]
-    distance = np.sqrt(np.maximum(squared, 0))
-    return float(distance.mean()), float(distance.max())

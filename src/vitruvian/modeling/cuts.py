@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints, Morph, Part, Skin
 from vitruvian.errors import VitruvianError
+from vitruvian.modeling.charts import Charts
 from vitruvian.modeling.slicing import Rings, Whole, carried, frames, section
 from vitruvian.motion.names import VERTEBRAE, joint_index
 
@@ -87,6 +89,11 @@ class Cuts:
         """(C,P,2) texture coordinates of contours' points, None where the skin has none."""
         corners = self.skin.uv_triangles
         return None if self.skin.uv is None or corners is None else carried(loops, self.skin.uv, corners)
+
+    @cached_property
+    def charts(self) -> Charts | None:
+        """The islands of the skin's texture coordinates, None where it has none."""
+        return None if self.skin.uv is None else Charts(self.skin, self.skin.triangles, self.sliced)
 
     def at(self, name: str) -> Floats:
         return self.centers[self.index[name]]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.contours import Contours, grid
+from vitruvian.body.contours import Contours, carried_on, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
 from vitruvian.deform.contours import normals
 
@@ -61,9 +61,7 @@ def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, In
             fits = (row[sewn].min(axis=1, initial=last) >= first) & (row[sewn].max(axis=1, initial=first) <= last)
             plain = grid(surface.vertices[np.ix_(mine, columns)], surface.closed)
             if corners is not None:
-                look = np.zeros(len(kept), np.int32)
-                look[faces] = corners
-                looks.append(look[np.concatenate([plain, own[fits]])])
+                looks.append(_mapped(surface, np.concatenate([plain, own[fits]]), corners, first, last))
             faces = np.concatenate([plain, sewn[fits]])
         else:
             whole = kept[faces].all(axis=1)
@@ -122,6 +120,18 @@ def _fringe(rest: Floats, s: Contours, columns: NDArray[np.int64]) -> tuple[Ints
                 lain.append([under[n] for n in order])
     sewn, own = (np.array(faces, np.int32).reshape(-1, 3) for faces in (out, lain))
     return sewn, own
+
+
+def _mapped(s: Contours, faces: Ints, corners: Ints, first: int, last: int) -> Ints:
+    """(T,3) the texture coordinates of faces (T,3) between points of a surface, whose faces from contour `first` to `last`
+    have `corners` (t,3), those of its `grid` before others."""
+    each = s.vertices.shape[1]
+    wide = each if s.closed else each - 1
+    place = np.zeros(int(s.vertices.max()) + 1, np.int64)
+    place[s.vertices] = np.arange(s.vertices.size).reshape(s.vertices.shape)
+    count = (last - first) * wide
+    quads = np.concatenate([corners[:count, [0, 2, 1]], corners[count : 2 * count, 1:2]], axis=1)
+    return carried_on(quads.reshape(-1, wide, 4), place[faces] - first * each, each, s.closed)
 
 
 def _looks(skin: Skin, corners: list[Ints]) -> tuple[Floats | None, Ints | None]:

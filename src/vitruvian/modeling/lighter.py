@@ -154,6 +154,7 @@ def _reduced(points: Floats, shape: Shape, budget: int, sewn: Ints) -> tuple[Flo
             triangles = triangles[~crossed]
     goal = max(_LEAST, min(budget, len(triangles)))
     triangles = _thinned(triangles, goal, len(first))
+    first, triangles = _fanned(first, triangles)
     held = np.isin(used[first], sewn)
     order = np.argsort(~held, kind="stable")  # of two points that become one, the first stays
     number = np.empty(len(order), np.int32)
@@ -224,6 +225,30 @@ def _crossed(triangles: Ints) -> np.ndarray:
     out = np.ones(len(edges), bool)
     out[first] = False
     return np.logical_or.reduce(out.reshape(3, -1))
+
+
+def _fanned(first: Ints, triangles: Ints) -> tuple[Ints, Ints]:
+    """Points and triangles where a point in which several fans of triangles meet is there once for each: no collapse can go
+    on there either."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    edges, count = _edges(triangles).astype(np.int64), len(triangles)
+    key, back = (a * len(first) + b for a, b in (edges.T, edges.T[::-1]))
+    order = np.argsort(key)
+    place = np.minimum(np.searchsorted(key, back, sorter=order), len(key) - 1)
+    mate = order[place]
+    inner = np.flatnonzero(key[mate] == back)
+    # edge n begins at corner n and ends at the next corner of its triangle; corners as in `_edges`
+    ends = (np.arange(3 * count) + count) % (3 * count)
+    pairs = np.stack([np.concatenate([inner, ends[inner]]), np.concatenate([ends[mate[inner]], mate[inner]])])
+    graph = coo_array((np.ones(pairs.shape[1]), pairs), shape=(3 * count,) * 2)
+    fans, label = connected_components(graph, directed=False)
+    if fans == len(np.unique(triangles)):
+        return first, triangles
+    point = np.empty(fans, np.int64)
+    point[label] = triangles.T.reshape(-1)
+    return first[point], label.reshape(3, count).T.astype(np.int32)
 
 
 def _rim(triangles: Ints, fixed: int) -> Ints:

@@ -9,6 +9,8 @@ from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.modeling.slicing import Whole
 
+Corner = tuple[int, int]  # a vertex, and what it looks like there
+
 _MOST = 6000  # triangles up to which a surface is searched for places where it crosses itself
 
 
@@ -128,6 +130,21 @@ def zipped(p: Floats, q: Floats) -> Whole:
             out.append([n + j % m, n + (j - 1) % m, i % n])
             j -= 1
     return np.array(out[::-1])
+
+
+def divided(tri: list[Corner], middle: list[Corner | None]) -> list[tuple[Corner, Corner, Corner]]:
+    """A triangle with new corners on some of its sides, `middle[i]` between corners i and i + 1, as triangles."""
+    out, line = [], []
+    for before, corner, after in zip([middle[2], *middle[:2]], tri, middle, strict=True):
+        if before is not None and after is not None:
+            out.append((before, corner, after))
+        else:
+            line.append(corner)
+        if after is not None:
+            line.append(after)
+    first = next((line.index(m) for m in middle if m is not None), 0)  # never the far end of a side that is divided
+    line = line[first:] + line[:first]
+    return [*out, *((line[0], line[i], line[i + 1]) for i in range(1, len(line) - 1))]
 
 
 def crossings(rest: Floats, faces: Whole) -> tuple[int, int] | None:

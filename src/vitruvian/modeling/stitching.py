@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
-from vitruvian.modeling.loops import zipped
+from vitruvian.modeling.charts import Charts
+from vitruvian.modeling.loops import divided, zipped
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
 Mask = NDArray[np.bool_]
@@ -66,8 +67,9 @@ class Loop:
 class Cloth:
     """A skin on the way to be cut: triangles know which they come from, vertices which loops they lie on."""
 
-    def __init__(self, skin: Skin, sliced: Whole, corners: Ints):
-        """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours."""
+    def __init__(self, skin: Skin, sliced: Whole, corners: Ints, charts: Charts | None = None):
+        """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours. `charts`: of the skin, where
+        it has texture coordinates."""
         self.rest, self.triangles = skin.rest, skin.triangles
         self.uv, self.corners = _looks(skin, corners)
         self.first, self.looks = self.corners, self.uv
@@ -77,7 +79,7 @@ class Cloth:
         self.free[sliced] = True
         self.blend: list[tuple[Whole, Floats]] = []  # new vertices: the pair (n,2) each lies between, and where (n,)
         self.on: list[Mask] = []
-        self.skin = skin
+        self.skin, self.charts = skin, charts
 
     def cut(self, loop: Loop) -> None:
         """Divide the triangles along the plane beyond a contour."""
@@ -178,7 +180,7 @@ class Cloth:
                     corners[ua, ub] = coordinates + len(corners)
                     shares.append(float(share[e]))
                 middle.append((first + e, corners[ua, ub]))
-            for face in _divided(list(zip(tri, uv, strict=True)), middle):
+            for face in divided(list(zip(tri, uv, strict=True)), middle):
                 new.append([v for v, _ in face])
                 new_uv.append([u for _, u in face])
                 source.append(n)
@@ -251,6 +253,7 @@ class Cloth:
         self.rest = np.concatenate([self.rest, loop.ring.points[0]])
         face, inside = loop.ring.face[0], loop.ring.barycentric[0]
         face = np.where(face >= 0, face, face[np.argmax(face >= 0)])
+        beside: list[int] = []
         corner_of = dict(zip(self.triangles.ravel().tolist(), self.corners.ravel().tolist(), strict=True))
         ring_uv = np.arange(each)
         if self.uv is not None:
@@ -259,8 +262,9 @@ class Cloth:
             ring_uv = len(self.uv) + ring_uv
             self.uv = np.concatenate([self.uv, own])
             if loop.bored:  # what a neck runs into keeps its colour up to the seam
-                near = np.linalg.norm(self.rest[line][None] - loop.ring.points[0][:, None], axis=2).argmin(axis=1)
-                ring_uv = np.array([corner_of[int(v)] for v in line[near]])
+                away = np.linalg.norm(self.rest[line][None] - loop.ring.points[0][:, None], axis=2)
+                beside = line[away.argmin(axis=1)].tolist()
+                ring_uv = np.array([corner_of[v] for v in beside])
         a = loop.angles - loop.angles[0]
         b = _angle(self.rest[line] - loop.beyond, loop) - loop.angles[0]
         start = int(np.argmin(np.abs(np.angle(np.exp(1j * b)))))  # beside the contour's first point
@@ -283,8 +287,28 @@ class Cloth:
             strip = strip[:, ::-1]
         known = {int(v): int(u) for v, u in zip(ring, ring_uv, strict=True)}
         uv = np.array([[known.get(v, corner_of.get(v, 0)) for v in row] for row in strip.tolist()], np.int32)
+        if self.charts is not None:
+            lies = dict(zip(self.triangles.ravel().tolist(), np.repeat(self.origin, 3).tolist(), strict=True))
+            there = [lies[v] for v in beside] if loop.bored else loop.ring.face[0]
+            lies |= dict(zip(ring.tolist(), there, strict=True))
+            on = np.array([[lies[v] for v in row] for row in strip.tolist()], np.int64)
+            uv = self._shown(self.charts, strip, on, uv, self._home(line))
         self._add(strip, uv, line)
         return ring
+
+    def _shown(self, charts: Charts, strip: Ints, on: Whole, looks: Ints, part: int) -> Ints:
+        """(n,3) what corners of sewn triangles (n,3) look like, each triangle on one island of the map of its part: those
+        that they lie `on` (n,3) and their `looks` (n,3) there, and more where these lie on others."""
+        assert self.uv is not None
+        own = self.uv[looks]
+        group = np.full(len(strip), charts.of_parts[part])
+        found = charts.mapped(self.rest[strip], on, own[..., :2], group)
+        other = (found != own[..., :2]).any(axis=-1)
+        more = np.concatenate([found[other], own[other][:, 2:]], axis=1)
+        out = looks.copy()
+        out[other] = len(self.uv) + np.arange(len(more))
+        self.uv = np.concatenate([self.uv, more])
+        return out
 
     def _line(self, number: int, loop: Loop) -> Whole | None:
         """The vertices of the widest loop that a cut left, the angle growing; None when there is none."""
@@ -351,13 +375,17 @@ class Cloth:
         """New triangles of the part that most triangles at some vertices are of."""
         if not len(strip):
             return
-        near = np.flatnonzero(np.isin(self.triangles, beside).any(axis=1))
-        home = int(np.bincount(self.part[near]).argmax())
+        home = self._home(beside)
         self.triangles = np.concatenate([self.triangles, strip])
         self.corners = np.concatenate([self.corners, corners])
         self.part = np.concatenate([self.part, np.full(len(strip), home)])
         self.origin = np.concatenate([self.origin, np.full(len(strip), -1)])
         self.free = np.concatenate([self.free, np.zeros(len(strip), bool)])
+
+    def _home(self, beside: Whole) -> int:
+        """The part that most triangles at some vertices are of."""
+        near = np.flatnonzero(np.isin(self.triangles, beside).any(axis=1))
+        return int(np.bincount(self.part[near]).argmax())
 
     def carried(self, values: Floats) -> Floats:
         """Values (V,n) of the original's vertices, such as weights (V,J), for all vertices; those of contours 0."""
@@ -407,7 +435,9 @@ class Cloth:
         return kept[:, None] * table + share.T @ own
 
     def finished(self, table: Floats) -> Skin:
-        """The skin that is left, with weights (V,J) of all vertices."""
+        """The skin that is left, with weights (V,J) of all vertices; without triangles that have become lines."""
+        a, b, c = self.triangles.T
+        self.without((a == b) | (b == c) | (c == a))
         order = np.argsort(self.part, kind="stable")
         triangles, corners, part = self.triangles[order], self.corners[order], self.part[order]
         uv = uv_triangles = colors = None
@@ -444,24 +474,6 @@ class Cloth:
             Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
             colors, tuple(parts), tuple(morphs),
         )  # fmt: skip
-
-
-Corner = tuple[int, int]  # a vertex, and what it looks like there
-
-
-def _divided(tri: list[Corner], middle: list[Corner | None]) -> list[tuple[Corner, Corner, Corner]]:
-    """A triangle with new corners on some of its sides, `middle[i]` between corners i and i + 1, as triangles."""
-    out, line = [], []
-    for before, corner, after in zip([middle[2], *middle[:2]], tri, middle, strict=True):
-        if before is not None and after is not None:
-            out.append((before, corner, after))
-        else:
-            line.append(corner)
-        if after is not None:
-            line.append(after)
-    first = next((line.index(m) for m in middle if m is not None), 0)  # never the far end of a side that is divided
-    line = line[first:] + line[:first]
-    return [*out, *((line[0], line[i], line[i + 1]) for i in range(1, len(line) - 1))]
 
 
 def _looks(skin: Skin, corners: Ints) -> tuple[Floats | None, Ints]:

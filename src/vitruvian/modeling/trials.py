@@ -17,7 +17,7 @@ from vitruvian.body.seams import face_normals
 from vitruvian.body.types import Body, Floats, Part, Skeleton, Skin
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.quality import Gauge
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.humanoid import ContourSurface, Humanoid
 from vitruvian.modeling.cuts import ornament
 from vitruvian.motion.names import joint_index
 
@@ -70,6 +70,22 @@ def seam_gap(body: Body, points: NDArray) -> float:
     _, first, place = np.unique(body.skin.rest, axis=0, return_index=True, return_inverse=True)
     apart = points.astype(np.float64) - points[first[place.reshape(-1)]]
     return float(np.linalg.norm(apart, axis=1).max(initial=0.0))
+
+
+def shape_error(body: Body, surfaces: list[ContourSurface]) -> tuple[float, float]:
+    """Mean and largest distance (m) of the contours' faces from the original surface."""
+    import igl
+
+    centers = []
+    for s in surfaces:
+        p = s.points[max(s.fixed_upper, 0) :]
+        right = np.roll(p, -1, axis=1) if s.closed else p[:, 1:]
+        left = p if s.closed else p[:, :-1]
+        centers.append(((left[:-1] + right[:-1] + left[1:] + right[1:]) / 4).reshape(-1, 3))
+    samples = np.ascontiguousarray(np.concatenate(centers))
+    squared = igl.point_mesh_squared_distance(samples, body.skin.rest, body.skin.triangles.astype(np.int64))[0]
+    distance = np.sqrt(np.maximum(squared, 0))
+    return float(distance.mean()), float(distance.max())
 
 
 def poses(skeleton: Skeleton) -> dict[str, dict[int, list[float]]]:
