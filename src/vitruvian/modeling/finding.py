@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,6 +21,7 @@ UPS = {
     "-y": np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]),
     "-z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
 }
+RARE = 0.031  # metres: a score that makes us look at the axes the other way round, too
 NONE = 0.036  # metres of a person of 1.7 m: a score that no person has
 TWIN = 0.0025  # metres by which the score of the right front is better than that of the back, at least
 # Metres by which feature points are usually off on people of the shape space, and more where soft or far from bone.
@@ -64,9 +65,13 @@ def found(mesh: Surface) -> Found:
     """The person in a scan; see `vitruvian.modeling.landmarks.detect`."""
     points, triangles = cleaned(mesh)
     model = rough()
-    ways = [w for up in UPS for w in _ways(model, points, triangles, up)]
+    ways = [w for up in ("+y", "+z") for w in _ways(model, points, triangles, up)]
+    if not ways or min(w.score for w in ways) > RARE:  # upside down is rare
+        ways += [w for up in ("-y", "-z") for w in _ways(model, points, triangles, up)]
     if not ways:
         raise VitruvianError("scan: expected an upright person, found nothing that is taller than wide")
+    ways.sort(key=lambda w: w.score)
+    ways[:3] = [_settled(model, w) for w in ways[:3]]
     ways.sort(key=lambda w: w.score)
     best = ways[0]
     if best.score > NONE:
@@ -113,17 +118,22 @@ def _ways(model: Rough, points: Floats, triangles: np.ndarray, up: str) -> list[
         there = piece.points @ turn.T
         if np.ptp(there[:, 1]) < 0.75 * np.ptp(there, axis=0).max():
             continue
-        foot, scale, _ = standing(there)
+        foot, scale = standing(there)
         step = max(1, int(np.ceil(len(there) / MOST_POINTS)))
         some = (there[::step] - foot) * scale
         target = Target.of(some, (piece.normals @ turn.T)[::step])
         across = widest(some)
         for sign in (1.0, -1.0):
-            who = settle(
-                model, begun(model, target, sign * across), target, rounds=14, every=5, spread=(0.15, 0.04), shape=0.7
-            )
+            first = begun(model, target, sign * across)
+            who = settle(model, first, target, rounds=8, every=7, spread=(0.15, 0.06), shape=0.6)
             out.append(_Way(score(model, who, target), up, sign, piece, target, foot, scale, who))
     return out
+
+
+def _settled(model: Rough, way: _Way) -> _Way:
+    """The same way, settled better."""
+    who = settle(model, way.who, way.target, rounds=10, every=4, spread=(0.08, 0.03), shape=0.8)
+    return replace(way, who=who, score=score(model, who, way.target))
 
 
 def _off(model: Rough, now: Posed, places: Floats, target: Target) -> Floats:

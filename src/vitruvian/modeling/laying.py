@@ -127,13 +127,20 @@ def score(model: Rough, who: Likeness, target: Target, every: int = 2) -> float:
     return float(np.minimum(there, FAR).mean() + np.minimum(back, FAR).mean()) / 2
 
 
-def standing(points: Floats) -> tuple[Floats, float, Floats]:
-    """How upright points (N,3) are brought to the stand-in's place: foot (3,), scale, middle of the trunk is the origin."""
+def standing(points: Floats) -> tuple[Floats, float]:
+    """How upright points (N,3) are brought to the stand-in's place: what becomes the origin, (3,), and the scale.
+
+    The middle is between the shins and the head: arms that hang unlike each other do not move it.
+    """
     low, high = np.quantile(points[:, 1], [0.0005, 0.9995])
     tall = max(float(high - low), 1e-9)
-    trunk = points[(points[:, 1] > low + 0.5 * tall) & (points[:, 1] < low + 0.72 * tall)]
-    middle = np.median(trunk, axis=0) if len(trunk) else points.mean(axis=0)
-    return np.array([middle[0], low, middle[2]]), HEIGHT / tall, middle
+    ends = []
+    for bottom, top in ((0.1, 0.25), (0.9, 1.0)):
+        band = points[(points[:, 1] > low + bottom * tall) & (points[:, 1] < low + top * tall)]
+        if len(band) > 5:
+            ends.append((np.quantile(band, 0.02, axis=0) + np.quantile(band, 0.98, axis=0)) / 2)
+    middle = np.mean(ends, axis=0) if ends else np.median(points, axis=0)
+    return np.array([middle[0], low, middle[2]]), HEIGHT / tall
 
 
 def begun(model: Rough, target: Target, across: Floats) -> Likeness:
