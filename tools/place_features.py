@@ -67,9 +67,7 @@ def limbs(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) -> dict[
     names = anatomy.names()
     at = {n: centers[names.index(n)] for n in names}
     joint = np.array(names, dtype=object)[strongest]
-    arm = [
-        n for n in names if n.startswith(("l_shoulder", "l_elbow", "l_radio", "l_mid", "l_carp", "l_metac"))
-    ]
+    arm = [n for n in names if n.startswith(("l_shoulder", "l_elbow", "l_radio", "l_mid", "l_carp", "l_metac"))]
     is_arm, x, y, z = np.isin(joint, arm), *body.T
     leg = (x > 0) & ~is_arm & (y < at["l_hip"][1] + 0.02)
     knee, ankle, ball = at["l_knee"], at["l_talocrural"], at["l_metatarsophalangeal_2"]

@@ -82,7 +82,9 @@ def found(mesh: Surface) -> Found:
     rival = [w for w in ways if w.piece is not best.piece and w.up == best.up and w.score < best.score + 0.006]
     if rival:
         warn("scan: several parts look like people; the best one was taken, cut the others off if it is the wrong one")
-    turned = min((w.score for w in ways if w.piece is best.piece and w.up == best.up and w.sign != best.sign), default=1.0)
+    turned = min(
+        (w.score for w in ways if w.piece is best.piece and w.up == best.up and w.sign != best.sign), default=1.0
+    )
     sure = float(np.clip((turned - best.score) / TWIN, 0, 1))
     if sure < 0.5:
         warn("scan: front and back look alike; left and right of the feature points may be swapped")

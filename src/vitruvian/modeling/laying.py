@@ -38,7 +38,14 @@ class Target:
 
 
 def settle(
-    model: Rough, who: Likeness, target: Target, *, rounds: int, every: int, spread: tuple[float, float], shape: float = 1.0
+    model: Rough,
+    who: Likeness,
+    target: Target,
+    *,
+    rounds: int,
+    every: int,
+    spread: tuple[float, float],
+    shape: float = 1.0,
 ) -> Likeness:
     """The stand-in moved onto the target. `every`: one point in so many takes part; `spread` (m): how far off a point may
     be to count, in the first round and in the last; `shape`: how far the proportions may leave the mean."""

@@ -132,7 +132,15 @@ def rough() -> Rough:
     loose = np.array([LOOSE.get(n.removeprefix("l_").removeprefix("r_"), (9.0, 9.0, 9.0)) for n in JOINTS])
     k = len(vertex)
     return Rough(
-        mean[:k], spread[:, :k], mean[k:], spread[:, k:], held[vertex], above, _normals(base)[vertex], tuple(features), loose
+        mean[:k],
+        spread[:, :k],
+        mean[k:],
+        spread[:, k:],
+        held[vertex],
+        above,
+        _normals(base)[vertex],
+        tuple(features),
+        loose,
     )
 
 

@@ -8,7 +8,7 @@ measured alike; measures whose feature points a body lacks are left out. Both si
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +49,18 @@ TABLE: dict[str, str] = {
 NAMES = tuple(TABLE)
 GIRTHS = NAMES[:13]
 _TRUNK, _HEAD = ("trunk", "l_thigh", "r_thigh"), ("head", "trunk")
+
+
+# girths of limbs: on which part's axis, at which shares of its length, which parts' skin counts
+LIMBS: dict[str, tuple[str, tuple[float, ...], tuple[str, ...]]] = {
+    "thigh": ("thigh", (0.28,), ("thigh",)),
+    "knee": ("thigh", (1.0,), ("thigh", "shank")),
+    "calf": ("shank", (0.15, 0.21, 0.27, 0.33, 0.39, 0.45), ("shank",)),
+    "ankle": ("shank", (0.75, 0.8, 0.85, 0.9, 0.95), ("shank", "foot")),
+    "upper_arm": ("upper arm", (0.5,), ("upper arm",)),
+    "elbow": ("upper arm", (1.0,), ("upper arm", "forearm")),
+    "wrist": ("forearm", (1.0,), ("forearm", "hand")),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +167,13 @@ class _Taker:
                 return whole
         return tape(f.points, near, center, axis, half=half)
 
-    def level(self, height: float) -> tuple[float, Floats]:
-        """A level tape round the trunk."""
+    def level(self, height: float) -> tuple[Floats, Floats]:
+        """A level plane through the trunk: its middle and +Y."""
         low, high = self.at("crotch"), self.at("cervicale", "suprasternale")
         share = (height - low[1]) / max(float(high[1] - low[1]), 1e-6)
         center = low + np.clip(share, 0.1, 1) * (high - low)
         center[1] = height
-        return self.around(center, UP, _TRUNK)
+        return center, UP
 
     def bust(self) -> float:
         return float(self.at("l_thelion", "r_thelion")[1])
@@ -169,6 +181,9 @@ class _Taker:
     def waist_level(self) -> float:
         bone, crest = self.at("substernale"), self.at("l_iliocristale", "r_iliocristale")
         return float(bone[1] + 0.3 * (crest[1] - bone[1]))
+
+    def under_level(self) -> float:
+        return self.bust() + 0.45 * (float(self.at("substernale")[1]) - self.bust())
 
     def limb(self, side: str, kind: str) -> tuple[Floats, Floats]:
         """Where a limb's part begins and ends, on its axis."""
@@ -184,47 +199,37 @@ class _Taker:
             return (self.at(s + "trochanterion") + self.at("crotch")) / 2, knee
         return knee, self.at(s + "lateral_malleolus", s + "medial_malleolus")
 
-    def across(self, side: str, kind: str, share: float, *parts: str) -> tuple[float, Floats]:
-        a, b = self.limb(side, kind)
-        return self.around(a + share * (b - a), b - a, [side + p for p in (kind, *parts)], side)
-
-    def girth(self, name: str, side: str) -> tuple[float, Floats]:
-        """One girth: its length and its tape."""
-        longest: Callable[[list[tuple[float, Floats]]], tuple[float, Floats]] = lambda t: max(t, key=lambda x: x[0])  # noqa: E731
+    def planes(self, name: str, side: str) -> list[tuple[Floats, Floats]]:
+        """Where a girth is looked for: places on the axis and directions of the axis there."""
+        if name in LIMBS:
+            kind, shares, _ = LIMBS[name]
+            a, b = self.limb(side, kind)
+            along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+            return [(a + share * (b - a), along) for share in shares]
         if name == "head":
             front, back = self.at("glabella"), self.at("opisthocranion")
-            return self.around((front + back) / 2, np.cross(SIDE, front - back), _HEAD)
+            normal = np.cross(SIDE, front - back)
+            return [((front + back) / 2, normal / max(float(np.linalg.norm(normal)), 1e-9))]
         if name == "neck":
             base, top = self.at("cervicale", "suprasternale"), self.at("l_tragion", "r_tragion")
-            axis = (top - base) / np.linalg.norm(top - base)
+            axis = (top - base) / max(float(np.linalg.norm(top - base)), 1e-9)
             places = self.figure.places
             apple = places["adams_apple"] if "adams_apple" in places else None
             if apple is None:
                 apple = 0.45 * self.at("menton") + 0.55 * self.at("suprasternale")
-            return self.around(base + ((apple - base) @ axis) * axis, axis, _HEAD)
-        if name == "chest":
-            return self.level(self.bust())
-        if name == "underbust":
-            return self.level(self.bust() + 0.45 * (float(self.at("substernale")[1]) - self.bust()))
-        if name == "waist":
-            return self.level(self.waist_level())
+            return [(base + ((apple - base) @ axis) * axis, axis)]
         if name == "hips":
             low, high = float(self.at("crotch")[1]), float(self.at("l_iliocristale", "r_iliocristale")[1])
-            return longest([self.level(y) for y in low + np.linspace(0.15, 0.85, 8) * (high - low)])
-        if name == "thigh":
-            return self.across(side, "thigh", 0.28)
-        if name == "knee":
-            return self.across(side, "thigh", 1.0, "shank")
-        if name == "calf":
-            return longest([self.across(side, "shank", s) for s in np.linspace(0.15, 0.45, 6)])
-        if name == "ankle":
-            found = [self.across(side, "shank", s, "foot") for s in np.linspace(0.75, 0.95, 5)]
-            return min((f for f in found if f[0] > 0), key=lambda x: x[0], default=found[0])
-        if name == "upper_arm":
-            return self.across(side, "upper arm", 0.5)
-        if name == "elbow":
-            return self.across(side, "upper arm", 1.0, "forearm")
-        return self.across(side, "forearm", 1.0, "hand")
+            return [self.level(y) for y in low + np.linspace(0.15, 0.85, 8) * (high - low)]
+        heights = {"chest": self.bust, "underbust": self.under_level, "waist": self.waist_level}
+        return [self.level(heights[name]())]
+
+    def girth(self, name: str, side: str) -> tuple[float, Floats]:
+        """One girth: its length and its tape."""
+        parts = [side + p for p in LIMBS[name][2]] if name in LIMBS else _HEAD if name in ("head", "neck") else _TRUNK
+        found = [self.around(c, axis, parts, side) for c, axis in self.planes(name, side)]
+        there = [f for f in found if f[0] > 0] or found[:1]
+        return (min if name == "ankle" else max)(there, key=lambda t: t[0])
 
     def length(self, name: str) -> float:
         """One length."""
@@ -252,18 +257,23 @@ class _Taker:
         return float(np.mean(out))
 
 
+def axis_of(figure: Figure, name: str, side: str) -> tuple[Floats, Floats]:
+    """Where the axis goes through the middle of a girth (3,), and its unit direction (3,); KeyError as `taken` skips."""
+    planes = _Taker(figure).planes(name, side)
+    return planes[len(planes) // 2]
+
+
 def taken(figure: Figure, names: Collection[str] = NAMES, *, sides: Collection[str] = ("l_", "r_")) -> Measures:
     """Measures of a figure, those of `names` that it has the feature points for; volume and masses are left at 0."""
     taker = _Taker(figure)
     values: dict[str, float] = {}
     contours: dict[str, Floats] = {}
-    limbs = GIRTHS[GIRTHS.index("thigh") :]
     for name in names:
         try:
             if name not in GIRTHS:
                 values[name] = taker.length(name)
                 continue
-            mine = {s: taker.girth(name, s) for s in (sides if name in limbs else ("",))}
+            mine = {s: taker.girth(name, s) for s in (sides if name in LIMBS else ("",))}
         except KeyError:
             continue
         good = {s: t for s, t in mine.items() if t[0] > 0}

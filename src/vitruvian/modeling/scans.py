@@ -113,7 +113,9 @@ def pieces(points: Floats, triangles: Ints) -> list[Piece]:
         return []
     cell = GAP * float(np.linalg.norm(np.ptp(points[np.unique(triangles)], axis=0)))
     part = _parts(len(points), triangles)
-    key, where = np.unique(np.floor(points[triangles].mean(axis=1) / cell).astype(np.int64), axis=0, return_inverse=True)
+    key, where = np.unique(
+        np.floor(points[triangles].mean(axis=1) / cell).astype(np.int64), axis=0, return_inverse=True
+    )
     where = where.reshape(-1)
     pairs = cKDTree(key).query_pairs(1.8, output_type="ndarray")
     count = len(key) + int(part.max()) + 1
