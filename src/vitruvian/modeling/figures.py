@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats, Ints
+from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling import anatomy, source
@@ -70,18 +70,16 @@ def built_in_parts() -> NDArray[np.str_]:
 
 
 def _bare(humanoid: Humanoid) -> bool:
-    """Whether the skin is that of the built-in person, some of it left out below clothes."""
-    skin = next((s for s in humanoid.skin if s.name == "skin" and s.points is None), None)
-    if skin is None or len(humanoid.skin_coord) < source.BODY or not len(skin.triangles):
+    """Whether the points are those of the built-in person, some of whose skin is left out below clothes."""
+    if len(humanoid.skin_coord) < source.BODY:
         return False
-    if skin.triangles.max() >= source.BODY:
-        return False
-    mine, all_of_it = (np.sort(t, axis=1).astype(np.int64) @ [1 << 32, 1 << 16, 1] for t in (skin.triangles, _faces()))
-    return bool(np.isin(mine, all_of_it).mean() > 0.98)
-
-
-def _faces() -> Ints:
-    return np.asarray(source.array("triangles"), dtype=np.int32)
+    whole = source.array("triangles")
+    for shape in humanoid.skin:
+        if shape.points is None and len(shape.triangles) > len(whole) // 4 and shape.triangles.max() < source.BODY:
+            mine, known = (np.sort(t, axis=1).astype(np.int64) @ [1 << 32, 1 << 16, 1] for t in (shape.triangles, whole))
+            if np.isin(mine, known).mean() > 0.98:
+                return True
+    return False
 
 
 def surface_figure(mesh: Surface, landmarks: Mapping[str, Floats] | None, unit: str | None) -> Figure:
