@@ -76,7 +76,9 @@ def _bare(humanoid: Humanoid) -> bool:
     whole = source.array("triangles")
     for shape in humanoid.skin:
         if shape.points is None and len(shape.triangles) > len(whole) // 4 and shape.triangles.max() < source.BODY:
-            mine, known = (np.sort(t, axis=1).astype(np.int64) @ [1 << 32, 1 << 16, 1] for t in (shape.triangles, whole))
+            mine, known = (
+                np.sort(t, axis=1).astype(np.int64) @ [1 << 32, 1 << 16, 1] for t in (shape.triangles, whole)
+            )
             if np.isin(mine, known).mean() > 0.98:
                 return True
     return False

@@ -19,7 +19,7 @@ from vitruvian.modeling import source
 from vitruvian.modeling.letting import MOST, REACH
 from vitruvian.modeling.mass import DENSITY
 from vitruvian.modeling.measures import NAMES, Figure, taken
-from vitruvian.modeling.shape import WEIGHTS, Shape, details, shaped
+from vitruvian.modeling.shape import WEIGHTS, Shape, shaped
 
 # Which sliders a wanted measure moves, together: details of the data pack, `height` and `weight` the macro sliders.
 SLIDERS: dict[str, tuple[str, ...]] = {
@@ -186,7 +186,7 @@ def _search(
                 break
             left = wanted - answer(trial)
             jacobian += np.outer(missing - left - jacobian @ moved, moved) / (moved @ moved)
-            if np.linalg.norm(left) < 0.95 * np.linalg.norm(missing):
+            if np.linalg.norm(left) < 0.98 * np.linalg.norm(missing):
                 best, missing, better = trial, left, True
                 break
         if not better and fresh:
@@ -200,21 +200,11 @@ def _search(
 def _change(
     jacobian: Floats, missing: Floats, best: Floats, low: Floats, high: Floats, moving: NDArray[np.bool_]
 ) -> Floats:
-    """(n,) the smallest change that brings what is missing; what stands at a bound leaves it to the others."""
-    free = moving.copy()
+    """(n,) the smallest change within bounds that brings what is missing."""
+    from scipy.optimize import lsq_linear
+
     change = np.zeros(len(best))
-    for _ in range(4):
-        change = np.zeros(len(best))
-        a = np.concatenate([jacobian[:, free], SMALL * np.eye(int(free.sum()))])
-        change[free] = np.linalg.lstsq(a, np.concatenate([missing, np.zeros(int(free.sum()))]), rcond=None)[0]
-        stuck = free & (((best + change > high) & (best > high - 1e-9)) | ((best + change < low) & (best < low + 1e-9)))
-        if not stuck.any():
-            break
-        free &= ~stuck
+    room = low[moving] - best[moving] - 1e-9, high[moving] - best[moving] + 1e-9
+    a = np.concatenate([jacobian[:, moving], SMALL * np.eye(int(moving.sum()))])
+    change[moving] = lsq_linear(a, np.concatenate([missing, np.zeros(int(moving.sum()))]), bounds=room).x
     return change
-
-
-def known_sliders() -> bool:
-    """Whether the data pack has all the sliders that measures move."""
-    there = set(details())
-    return all(s in there for names in SLIDERS.values() for s in names if s != "height")
