@@ -42,7 +42,6 @@ SIZES = {
 def detect() -> None:
     """A table of cases: seconds, points found, distances from the truth in mm, and of those said to be sure."""
     from scan_maker import CASES, case
-
     from vitruvian.modeling.landmarks import detect as found
 
     everything, sure = [], []

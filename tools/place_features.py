@@ -63,7 +63,7 @@ def epicondyles(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) ->
 
 
 def limbs(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) -> dict[str, int]:
-    """Points of the left limbs that the standard gives no default place: extremes of the form at rest, near their joints."""
+    """Left points that the standard gives no default place: extremes of the form at rest, near their joints."""
     names = anatomy.names()
     at = {n: centers[names.index(n)] for n in names}
     joint = np.array(names, dtype=object)[strongest]

@@ -62,7 +62,7 @@ def person(
     taken = measures(humanoid)
     facts = {"height_m": taken.values["height"], "mass_kg": taken.mass, "measures": taken.values}
     text = f"wrote {out}: {facts['height_m']:.2f} m, {facts['mass_kg']:.0f} kg"
-    text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in facts["measures"].items())
+    text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in taken.values.items())
     emit(facts, text, as_json)
 
 

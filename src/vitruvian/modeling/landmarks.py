@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vitruvian.body.types import Floats, floats
+from vitruvian.body.types import Floats
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Humanoid

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,9 @@ LOOSE = {
 @dataclass(frozen=True, eq=False)
 class Rough:
     """The stand-in at rest (the A pose of the source). points (K,3) and what a unit of each shape number adds, (C,K,3);
-    centers (J,3) and (C,J,3) likewise; weights (K,J), parents (J,); triangles (T,3) of body points `vertex` (K,).
+    centers (J,3) and (C,J,3) likewise; weights (K,J), parents (J,).
 
-    `dense` marks points of hands, feet and head; the last points are the feature points `names`, not for matching.
+    normals (K,3); the last points are the feature points `names`, not for matching; loose (J,3): see `LOOSE`.
     """
 
     points: Floats
@@ -73,11 +74,12 @@ class Likeness:
 
 def _samples() -> list[Shape]:
     """People of all kinds, the same every time: corners of the shape space first, then chance."""
-    kinds = [
+    kinds: list[dict[str, Any]] = [
         {}, {"gender": 0.0}, {"gender": 1.0}, {"age": 10}, {"age": 13, "gender": 0.0}, {"age": 80, "gender": 0.0},
         {"age": 80, "gender": 1.0}, {"weight": 0.0}, {"weight": 1.0, "gender": 0.0}, {"weight": 1.0, "gender": 1.0},
         {"muscle": 1.0, "gender": 1.0}, {"muscle": 0.0, "weight": 0.8}, {"height": 0.0}, {"height": 1.0, "gender": 1.0},
-        {"height": 1.0, "gender": 0.0}, {"gender": 0.0, "cup": 1.0, "weight": 0.7}, {"proportions": 0.0}, {"proportions": 1.0},
+        {"height": 1.0, "gender": 0.0}, {"gender": 0.0, "cup": 1.0, "weight": 0.7}, {"proportions": 0.0},
+        {"proportions": 1.0},
     ]  # fmt: skip
     rng = np.random.default_rng(7)
     for _ in range(SAMPLES - len(kinds)):
@@ -89,9 +91,11 @@ def _samples() -> list[Shape]:
                          "measure-upperleg-height": rng.normal(0, 0.4), "measure-lowerleg-height": rng.normal(0, 0.4),
                          "measure-shoulder-dist": rng.normal(0, 0.4), "measure-waist-circ": rng.normal(0, 0.4)}}
         )  # fmt: skip
+    out = []
     for kind in kinds:
-        kind["details"] = {n: float(np.clip(v, -1, 1)) for n, v in kind.get("details", {}).items()}  # type: ignore[attr-defined]
-    return [Shape(**kind) for kind in kinds]  # type: ignore[arg-type]
+        limited = {n: float(np.clip(v, -1, 1)) for n, v in kind.pop("details", {}).items()}
+        out.append(Shape(**kind, details=limited))
+    return out
 
 
 @cache
@@ -109,7 +113,7 @@ def rough() -> Rough:
     w = source.weights()
     mine = w.vertex < source.BODY
     held = np.zeros((source.BODY, len(kept)))
-    row = np.array([kept.index(j) for j in fold])
+    row = np.array([kept.index(int(j)) for j in fold])
     np.add.at(held, (w.vertex[mine], row[w.joint[mine]]), w.weight[mine])
     held /= np.maximum(held.sum(axis=1, keepdims=True), 1e-12)
     base = shaped(Shape())[: source.BODY]

@@ -213,8 +213,7 @@ class _Taker:
         if name == "neck":
             base, top = self.at("cervicale", "suprasternale"), self.at("l_tragion", "r_tragion")
             axis = (top - base) / max(float(np.linalg.norm(top - base)), 1e-9)
-            places = self.figure.places
-            apple = places["adams_apple"] if "adams_apple" in places else None
+            apple = self.figure.places.get("adams_apple")
             if apple is None:
                 apple = 0.45 * self.at("menton") + 0.55 * self.at("suprasternale")
             return [(base + ((apple - base) @ axis) * axis, axis)]

@@ -94,10 +94,10 @@ def without_floor(points: Floats, triangles: Ints, up: Floats) -> NDArray[np.boo
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     size = np.linalg.norm(area, axis=1)
     level = (np.abs(area @ up) > 0.9 * size) & ((height[triangles] < low + 0.03 * tall).all(axis=1))
-    if size[level].sum() < FLOOR * tall**2:
+    if not level.any() or size[level].sum() < FLOOR * tall**2:
         return np.ones(len(triangles), bool)
     top = float(np.quantile(height[triangles[level]], 0.9))
-    return ~(height[triangles] < top + 0.004 * tall).all(axis=1)
+    return np.asarray(~(height[triangles] < top + 0.004 * tall).all(axis=1))
 
 
 def pieces(points: Floats, triangles: Ints) -> list[Piece]:
