@@ -2,7 +2,7 @@
 
 Each default position is carried to the body relative to the nearest end of its segment, scaled by stature, and put on the
 nearest vertex that moves with that joint or a neighbour. Left is mastered, right is its mirror image. Points without a
-default position in the standard are left out.
+default position in the standard are placed by the form of the body, or left out where their name does not say where.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vitruvian.modeling.shape import Shape, shaped
 def shapes_of_the_face(body: np.ndarray, middle: np.ndarray) -> dict[str, int]:
     """Points that the form of the body itself shows: extremes of the face, the skull, the chest and the crotch."""
     eye = body[mask("eyelids") > 0.5]
-    eye_y = float(eye[:, 1].mean())
+    eye_x, eye_y, eye_z = np.abs(eye).mean(axis=0).tolist()
     x, y, z = body.T
     height = float(np.ptp(y))
 
@@ -40,6 +40,7 @@ def shapes_of_the_face(body: np.ndarray, middle: np.ndarray) -> dict[str, int]:
         "menton": most(-y, face & outer & (y > eye_y - 0.135) & (z > eye[:, 2].min() - 0.01)),
         "opisthocranion": most(-z, middle & (y > eye_y - 0.02)),
         "l_ectocanthus": most(x, (mask("eyelids") > 0.3) & (x > 0) & (np.abs(y - eye_y) < 0.006)),
+        "l_infraorbitale": most(z, (np.abs(x - eye_x) < 0.006) & (np.abs(y - eye_y + 0.02) < 0.005) & (z > eye_z)),
         "l_tragion": most(z, (mask("ears") > 0.6) & (x > 0) & (np.abs(y - eye_y + 0.016) < 0.008)),
         "crotch": most(-y, middle & (np.abs(y - 0.47 * height) < 0.06) & (np.abs(z) < 0.06)),
         "l_thelion": most(z, (x > 0.045) & (x < 0.13) & (y > 0.68 * height) & (y < 0.76 * height)),
@@ -59,6 +60,56 @@ def epicondyles(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) ->
         for side, sign in (("lateral", 1), ("medial", -1)):
             out[f"l_{bone}_{side}_epicondyle"] = int(np.argmax(np.where(limb, sign * body[:, 0], -np.inf)))
     return out
+
+
+def limbs(body: np.ndarray, strongest: np.ndarray, centers: np.ndarray) -> dict[str, int]:
+    """Left points that the standard gives no default place: extremes of the form at rest, near their joints."""
+    names = anatomy.names()
+    at = {n: centers[names.index(n)] for n in names}
+    joint = np.array(names, dtype=object)[strongest]
+    arm = [n for n in names if n.startswith(("l_shoulder", "l_elbow", "l_radio", "l_mid", "l_carp", "l_metac"))]
+    is_arm, x, y, z = np.isin(joint, arm), *body.T
+    leg = (x > 0) & ~is_arm & (y < at["l_hip"][1] + 0.02)
+    knee, ankle, ball = at["l_knee"], at["l_talocrural"], at["l_metatarsophalangeal_2"]
+
+    def most(value: np.ndarray, where: np.ndarray) -> int:
+        return int(np.argmax(np.where(where, value, -np.inf)))
+
+    def level(height: float, room: float = 0.008) -> np.ndarray:
+        return leg & (np.abs(y - height) < room)
+
+    out = {
+        "l_trochanterion": most(x, level(at["l_hip"][1] - 0.01, 0.012)),
+        "l_suprapatella": most(z, level(knee[1] + 0.035) & (np.abs(x - knee[0]) < 0.02)),
+        "l_tibiale": most(-x, level(knee[1] - 0.03)),
+        "l_medial_malleolus": most(-x, level(ankle[1] + 0.006)),
+        "l_lateral_malleolus": most(x, level(ankle[1] - 0.004)),
+        "l_sphyrion": most(-x, level(ankle[1] - 0.014)),
+        "l_calcaneus_posterior": most(-z, leg & (y < 0.06)),
+        "l_metatarsal_phalanx_1": most(-x, leg & (y < ball[1] + 0.03) & (np.abs(z - ball[2]) < 0.008)),
+        "l_metatarsal_phalanx_5": most(x, leg & (y < ball[1] + 0.03) & (np.abs(z - ball[2] + 0.015) < 0.008)),
+        "l_bideltoid": most(x, is_arm & (y > at["l_shoulder"][1] - 0.12)),
+    }
+    for ray in (2, 3, 5):
+        c = at[f"l_metacarpophalangeal_{ray}"]
+        out[f"l_metacarpal_phalanx_{ray}"] = most(x, is_arm & (np.hypot(y - c[1], z - c[2]) < 0.01))
+    return out
+
+
+def front_and_back(body: np.ndarray, middle: np.ndarray, places: dict[str, int]) -> dict[str, int]:
+    """Points of the middle plane that lie at the heights of others."""
+    x, y, z = body.T
+
+    def front(height: float) -> int:
+        trunk = middle & (np.abs(y - height) < 0.01)
+        return int(np.argmax(np.where(trunk, z, -np.inf)))
+
+    heights = {n: float(body[v, 1]) for n, v in places.items()}
+    return {
+        "waist_preferred_anterior": front(heights["waist_preferred_posterior"]),
+        "mesosternale": front((heights["suprasternale"] + heights["substernale"]) / 2),
+        "adams_apple": front(0.45 * heights["menton"] + 0.55 * heights["suprasternale"]),
+    }
 
 
 def main() -> None:
@@ -88,11 +139,15 @@ def main() -> None:
         mine = np.isin(strongest, [names.index(n) for n in near if n])
         if not name.startswith("l_"):
             mine &= middle
+        else:
+            mine &= body[:, 0] > 0
         vertex = int(np.argmin(np.where(mine, np.linalg.norm(body - wanted, axis=1), np.inf)))
         places[name] = vertex
         if name.startswith("l_"):
             places["r_" + name[2:]] = int(mirror[vertex])
-    for name, vertex in (seen | epicondyles(body, strongest, centers)).items():
+    form = seen | epicondyles(body, strongest, centers) | limbs(body, strongest, centers)
+    form |= front_and_back(body, middle, places | form)
+    for name, vertex in form.items():
         places[name] = vertex
         if name.startswith("l_"):
             places["r_" + name[2:]] = int(mirror[vertex])

@@ -38,7 +38,7 @@ def person(
 ) -> None:
     """Make the built-in person and write it to a file."""
     from vitruvian.formats.registry import save
-    from vitruvian.modeling.measure import report
+    from vitruvian.modeling.measures import measures
     from vitruvian.modeling.person import person as make
 
     names = {"female": 0.0, "male": 1.0}
@@ -59,9 +59,10 @@ def person(
         **look,
     )
     save(humanoid, out)
-    facts = report(humanoid)
+    taken = measures(humanoid)
+    facts = {"height_m": taken.values["height"], "mass_kg": taken.mass, "measures": taken.values}
     text = f"wrote {out}: {facts['height_m']:.2f} m, {facts['mass_kg']:.0f} kg"
-    text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in facts["measures"].items())
+    text += "".join(f"\n  {name} {value * 100:.1f} cm" for name, value in taken.values.items())
     emit(facts, text, as_json)
 
 

@@ -65,7 +65,7 @@ def person(
 
     gender 0 female to 1 male; age in years, 10 to 90; height in metres (None: what the other values give); weight from
     0 thin to 1 heavy, or kilograms when above 1; muscle, proportions, cup, firmness 0..1; origin weights of African,
-    Asian and European forms; details slider name -> -1..1; measures name -> metres, see `vitruvian.modeling.measure`;
+    Asian and European forms; details slider name -> -1..1; measures name -> metres, see `vitruvian.modeling.measures`;
     loa 0..4. `look`: hair, hair_color, eye_color, skin_tone, outfit, top_color, bottom_color, shoe_color, see `assemble`.
     Raises VitruvianError for values outside their range; warns where wishes could not be met exactly.
     """
@@ -87,10 +87,12 @@ def person(
     if height is not None:
         wishes["height"] = float(height)
     if wishes or kilograms:
-        from vitruvian.modeling.measure import solved
+        from vitruvian.modeling.sizing import solved
 
-        sliders = solved(sliders, wishes, kilograms)
-    return humanoid_of(sliders, loa=loa, name=name, seed=seed, stature=height, **look)
+        points = shaped(sliders)
+        space = clearance(points, assemble(points, sliders, seed=seed, **look))
+        sliders = solved(sliders, wishes, kilograms, clearance=space)
+    return humanoid_of(sliders, loa=loa, name=name, seed=seed, stature=wishes.get("height"), **look)
 
 
 def humanoid_of(
@@ -103,10 +105,8 @@ def humanoid_of(
     points = shaped(sliders)
     assembly = assemble(points, sliders, seed=seed, **look)
     where, centers, ends = rested(points, assembly)
-    tall = float(np.ptp(where[: source.BODY, 1]))
-    if stature is not None and abs(stature / tall - 1) < 0.02:
-        scale = stature / tall
-        where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
+    scale = stature_scale(where, stature)
+    where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
     mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
@@ -133,6 +133,24 @@ def humanoid_of(
         skin_coord=where,
         made_from=sliders,
     )
+
+
+def stature_scale(where: Floats, stature: float | None) -> float:
+    """What brings a person at rest (points, the body's first) to a stature that it nearly has, by at most 2 %."""
+    if stature is None:
+        return 1.0
+    return float(np.clip(stature / np.ptp(where[: source.BODY, 1]), 0.98, 1.02))
+
+
+def bare(points: Floats, clearance: float = 0.0) -> Floats:
+    """(13380,3) the body alone of a shape, at rest; `clearance` (m): what clothes at the hips keep the arms away."""
+    return rested(points, Assembly(points[: source.BODY], (), []), clearance)[0]
+
+
+def clearance(points: Floats, assembly: Assembly) -> float:
+    """By how much (m) a dressed person's hips are wider, to its hanging arms, than the body alone."""
+    dressed, alone = (_hips(points, a)[0] for a in (assembly, Assembly(points[: source.BODY], (), [])))
+    return dressed - alone
 
 
 def assemble(
@@ -250,15 +268,25 @@ def _held(keys: tuple[str, ...], loa: int) -> list[tuple[Ints, Floats]]:
     return [(weights.vertex[s], weights.weight[s]) for s in some]
 
 
-def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str, Floats]]:
-    """Points (n,3), joint centres (146,3) and bone ends in the rest pose: soles at Y = 0, centroid on the Y axis."""
-    centers = anatomy.centers(points)
-    ends = anatomy.ends(points)
+def _hips(points: Floats, assembly: Assembly) -> tuple[float, Floats, dict[str, Floats]]:
+    """How far the hips reach from the middle plane (m), joint centres (146,3) and bone ends before the arms are down."""
+    centers, ends = anatomy.centers(points), anatomy.ends(points)
     names, parents = anatomy.names(), anatomy.parents()
-    weights = _weights(assembly.keys, 4)
     # The arms need to know how wide the hips come out; the hips do not need the arms.
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0, raised=RAISED))
-    width = hip_reach(assembly.points, weights, {n: i for i, n in enumerate(names)}, centers, matrices)
+    index = {n: i for i, n in enumerate(names)}
+    return hip_reach(assembly.points, _weights(assembly.keys, 4), index, centers, matrices), centers, ends
+
+
+def rested(points: Floats, assembly: Assembly, clearance: float = 0.0) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Points (n,3), joint centres (146,3) and bone ends in the rest pose: soles at Y = 0, centroid on the Y axis.
+
+    The arms hang `clearance` (m) further out than the hips of the assembly ask for.
+    """
+    width, centers, ends = _hips(points, assembly)
+    width += clearance
+    names, parents = anatomy.names(), anatomy.parents()
+    weights = _weights(assembly.keys, 4)
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND, raised=RAISED))
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}

@@ -41,7 +41,10 @@ BUILD: dict[str, dict[str, tuple[float, float]]] = {
 
 @dataclass(frozen=True)
 class Shape:
-    """Slider values. gender 0 female to 1 male, age in years 10..90, the others 0..1; details name -> -1..1."""
+    """Slider values. gender 0 female to 1 male, age in years 10..90, the others 0..1; details name -> -1..1.
+
+    girths: by what share girths are let out or taken in beyond that, see `vitruvian.modeling.letting`.
+    """
 
     gender: float = 0.5
     age: float = 25.0
@@ -53,6 +56,7 @@ class Shape:
     firmness: float = 0.5
     origin: tuple[float, float, float] = (1 / 3, 1 / 3, 1 / 3)
     details: dict[str, float] = field(default_factory=dict)
+    girths: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("gender", "muscle", "weight", "height", "proportions", "cup", "firmness"):
@@ -170,4 +174,9 @@ def shaped(shape: Shape) -> Floats:
             out[index] += factor * offset
         else:
             out += factor * _everywhere(name)
-    return out + _neutral()
+    out += _neutral()
+    if any(shape.girths.values()):
+        from vitruvian.modeling.letting import let_out
+
+        out = let_out(out, shape.girths)
+    return out
