@@ -12,8 +12,8 @@ import vitruvian as vt
 from vitruvian.body import rotations as rot
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.modeling import source
-from vitruvian.modeling.likeness import vertex_normals
 from vitruvian.modeling.person import person
+from vitruvian.modeling.rough import vertex_normals
 
 UPS = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
 

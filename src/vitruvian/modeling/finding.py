@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from vitruvian.body.types import Floats
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.modeling.laying import Target, begun, refined, score, settle, standing, widest
-from vitruvian.modeling.likeness import Likeness, Posed, Rough, posed, rough
+from vitruvian.modeling.rough import Likeness, Posed, Rough, posed, rough
 from vitruvian.modeling.scans import Piece, Surface, cleaned, pieces, without_floor
 
 MOST_POINTS = 20_000  # of a scan, for matching; feature points are put on the whole of it

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from vitruvian.body import rotations as rot
 from vitruvian.body.types import Floats
-from vitruvian.modeling.likeness import HEIGHT, JOINTS, SHAPES, Likeness, Posed, Rough, jacobian, moved, posed, start
+from vitruvian.modeling.rough import HEIGHT, JOINTS, SHAPES, Likeness, Posed, Rough, jacobian, moved, posed, start
 
 FACING = 0.06  # metres that a normal that turns the other way counts as, in looking for closest points
 SURE = 0.015  # metres: the spread of what fits, in the weight of data against what is expected of people

@@ -133,7 +133,7 @@ def pieces(points: Floats, triangles: Ints) -> list[Piece]:
         if spread[0] < 0.02 * spread[2]:
             continue
         faces = facing(some, corner.reshape(-1, 3).astype(np.int32))
-        from vitruvian.modeling.likeness import vertex_normals
+        from vitruvian.modeling.rough import vertex_normals
 
         found.append(Piece(some, faces, vertex_normals(some, faces)))
     found.sort(key=lambda p: -p.size)
