@@ -107,6 +107,20 @@ def humanoid_of(
     if stature is not None and abs(stature / tall - 1) < 0.02:
         scale = stature / tall
         where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
+    return figure(sliders, assembly, where, centers, ends, loa=loa, name=name)
+
+
+def figure(
+    sliders: Sliders,
+    assembly: Assembly,
+    where: Floats,
+    centers: Floats,
+    ends: dict[str, Floats],
+    *,
+    loa: int,
+    name: str,
+) -> Humanoid:
+    """The humanoid of points (n,3), joint centres (146,3) and bone ends at rest."""
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
     mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
@@ -185,13 +199,13 @@ def assemble(
 
 
 @lru_cache(maxsize=16)
-def _parents(keys: tuple[str, ...]) -> csr_matrix:
+def parents_matrix(keys: tuple[str, ...]) -> csr_matrix:
     """(points, 19158): the source points each point of body and parts takes weights and face movements from."""
     return vstack([eye(source.BODY, source.POINTS, format="csr"), *(parents_of(k) for k in keys)]).tocsr()
 
 
 @cache
-def _weight_matrix() -> csr_matrix:
+def weight_matrix() -> csr_matrix:
     """(19158, 146) weights at LOA 4; teeth and eyes ride on their joint, points without weights on the skull."""
     w, names = source.weights(), anatomy.names()
     joint, weight, point = w.joint, w.weight, w.vertex
@@ -219,7 +233,7 @@ def _folding(loa: int) -> csr_matrix:
 def _body_pieces(loa: int) -> Wedges:
     """How the bare body falls into one piece per joint: every triangle follows its joint of greatest weight."""
     triangles = source.array("triangles")
-    weights = (_weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
+    weights = (weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
     shares = weights.toarray()
     kept = [n for n in anatomy.names() if anatomy.folded(loa)[n] == n]
     shares *= [CLAIMS.get(n[2:], 1.0) for n in kept]
@@ -233,7 +247,7 @@ def _body_pieces(loa: int) -> Wedges:
 @lru_cache(maxsize=16)
 def _weights(keys: tuple[str, ...], loa: int) -> Weights:
     """Weights of body and parts; rows sum to 1."""
-    product = (_parents(keys) @ _weight_matrix() @ _folding(loa)).tocsr()
+    product = (parents_matrix(keys) @ weight_matrix() @ _folding(loa)).tocsr()
     product.sort_indices()
     sums = np.asarray(product.sum(axis=1)).ravel()
     values = product.data / np.repeat(sums, np.diff(product.indptr))
@@ -252,8 +266,13 @@ def _held(keys: tuple[str, ...], loa: int) -> list[tuple[Ints, Floats]]:
 
 def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Points (n,3), joint centres (146,3) and bone ends in the rest pose: soles at Y = 0, centroid on the Y axis."""
-    centers = anatomy.centers(points)
-    ends = anatomy.ends(points)
+    return resting(assembly, anatomy.centers(points), anatomy.ends(points))[:3]
+
+
+def resting(
+    assembly: Assembly, centers: Floats, ends: dict[str, Floats]
+) -> tuple[Floats, Floats, dict[str, Floats], Floats]:
+    """`rested` for centres and bone ends of one's own, and the rigid motions (146,4,4) from the A pose to rest."""
     names, parents = anatomy.names(), anatomy.parents()
     weights = _weights(assembly.keys, 4)
     # The arms need to know how wide the hips come out; the hips do not need the arms.
@@ -263,10 +282,11 @@ def rested(points: Floats, assembly: Assembly) -> tuple[Floats, Floats, dict[str
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
-    change, middle_z = _restored(where[: source.BODY], _faces(points)[2])
+    change, middle_z = _restored(where[: source.BODY], _faces(assembly.points)[2])
     where[: source.BODY] += change
     shift = -np.array([0.0, where[:, 1].min(), middle_z])
-    return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
+    matrices[:, :3, 3] += shift
+    return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}, matrices
 
 
 def _faces(points: Floats) -> tuple[list[Floats], Floats, float]:
@@ -287,7 +307,7 @@ def _fleshy() -> tuple[csr_matrix, Floats]:
     meets = csr_matrix((np.ones(len(t)), (triangles.T.ravel(), t)), (source.BODY, len(triangles)))
     part = part_of(list(anatomy.skeleton(4, np.zeros((len(anatomy.names()), 3))).values()))
     some = [part[n] in ("trunk", "upper arm", "thigh") for n in anatomy.names()]
-    return meets, _weight_matrix()[: source.BODY] @ np.array(some, np.float64)
+    return meets, weight_matrix()[: source.BODY] @ np.array(some, np.float64)
 
 
 def _restored(body: Floats, volume: float) -> tuple[Floats, float]:
@@ -310,7 +330,7 @@ def _face_moves(keys: tuple[str, ...]) -> list[tuple[str, Ints, Floats]]:
     """The 52 face units as name, points and displacements; the names carry the standard's suffix `_action`."""
     units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
     face = np.unique(np.concatenate([index for index, _ in units.values()]))
-    near = _parents(keys)[:, face]
+    near = parents_matrix(keys)[:, face]
     rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
     near = near[rows]
     out = []
