@@ -6,7 +6,8 @@ file has it at rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ FOOT += ("tarsal_", "subtalar", "midtarsal", "metatarsal")
 PALM = ("midcarpal", "carpometacarpal")
 # How much joint parameters are held back, in units of the square of a landmark that is 1 cm off. Radians, logarithms.
 TURN, SCALE, MIRROR, SHIFT = 1e-4, 1e-3, 1e-2, 1.0
+FINGERS = 1e-3  # how much neighbouring fingers bend alike
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class Template:
     @cached_property
     def knobs(self) -> Knobs:
         """All knobs of this body's joints."""
-        return _knobs(self.names, self.parents)
+        return _knobs(self.names, self.centers)
 
     def chosen(self, vertices: Any) -> Any:
         """(n,V) sparse: the vertices of these numbers."""
@@ -191,80 +193,119 @@ def _share(weights: Any, names: tuple[str, ...], stems: tuple[str, ...]) -> Floa
     return np.asarray(weights @ chosen)
 
 
-def _knobs(names: tuple[str, ...], parents: Ints) -> Knobs:
-    """The knobs of a skeleton: joints of the spine turn together by regions, hands and feet are scaled as one."""
-    from scipy.sparse import csr_array
+@dataclass
+class _Board:
+    """Knobs while they are gathered: name, (joint, parameter, amount) each, pull."""
 
-    index = {n: i for i, n in enumerate(names)}
-    rows: list[tuple[str, list[int], int, float, float]] = []  # name, joints, parameter, amount, pull
+    index: dict[str, int]
+    names: list[str] = field(default_factory=list)
+    cells: list[tuple[int, int, float]] = field(default_factory=list)
+    pull: list[float] = field(default_factory=list)
 
-    def turn(title: str, joints: list[str], pull: float = 1.0) -> None:
-        some = [index[j] for j in joints if j in index]
+    def add(self, title: str, cells: list[tuple[int, int, float]], pull: float) -> None:
+        self.cells += [(EACH * j + k, len(self.names), amount) for j, k, amount in cells if amount]
+        self.names.append(title)
+        self.pull.append(pull)
+
+    def some(self, joints: Iterable[str]) -> list[int]:
+        return [self.index[j] for j in joints if j in self.index]
+
+    def turn(self, title: str, joints: Iterable[str], pull: float = 1.0) -> None:
+        """One turn that the joints share."""
+        some = self.some(joints)
         for k in range(3 if some else 0):
-            # one knob is the sum of the turns
-            rows.append((f"turn {title} {k}", some, k, 1 / len(some), TURN * pull * len(some) ** 2))
+            self.add(f"turn {title} {k}", [(j, k, 1 / len(some)) for j in some], TURN * pull * len(some) ** 2)
 
-    def scale(title: str, joints: list[str], pull: float = 1.0) -> None:
-        some = [index[j] for j in joints if j in index]
+    def hinge(self, joint: str, axis: Floats, pull: float, aside: float) -> None:
+        """Turns about an axis, which are easy, and about the two across it."""
+        j = self.index[joint]
+        first = np.cross(axis, [0.3, 0.5, 0.8])
+        first /= np.linalg.norm(first)
+        for k, (way, held) in enumerate(((axis, pull), (first, aside), (np.cross(axis, first), aside))):
+            self.add(f"turn {joint} {k}", [(j, a, float(way[a])) for a in range(3)], TURN * held)
+
+    def scale(self, title: str, joints: Iterable[str], pull: float = 1.0) -> None:
+        some = self.some(joints)
         for k in range(2 if some else 0):
-            rows.append((f"scale {title} {k}", some, 6 + k, 1.0, SCALE * pull))
+            self.add(f"scale {title} {k}", [(j, 6 + k, 1.0) for j in some], SCALE * pull)
 
-    def shift(title: str, joint: str, pull: float) -> None:
-        for k in range(3 if joint in index else 0):
-            rows.append((f"shift {title} {k}", [index[joint]], 3 + k, 1.0, pull))
+    def shift(self, title: str, joint: str, pull: float) -> None:
+        for k in range(3 if joint in self.index else 0):
+            self.add(f"shift {title} {k}", [(self.index[joint], 3 + k, 1.0)], pull)
 
+    def knobs(self) -> Knobs:
+        from scipy.sparse import csr_array
+
+        r, c, v = (np.array(x) for x in zip(*self.cells, strict=True))
+        links = csr_array((v.astype(np.float64), (r, c)), shape=(EACH * len(self.index), len(self.names)))
+        place = {t: i for i, t in enumerate(self.names)}
+        pairs, tie = [], []
+        for title, i in place.items():
+            other = "scale r_" + title[8:] if title.startswith("scale l_") else _neighbour(title)
+            if other in place:
+                pairs.append((i, place[other]))
+                tie.append(MIRROR if title.startswith("scale") else FINGERS)
+        return Knobs(
+            links, np.array(self.pull), np.array(pairs, np.int32).reshape(-1, 2), np.array(tie), tuple(self.names)
+        )
+
+
+def _neighbour(title: str) -> str:
+    """The same turn of the next finger, "" where there is none."""
+    parts = title.split()
+    stem, ray = parts[1][:-1], parts[1][-1]
+    if parts[0] != "turn" or "phalangeal" not in stem or "tarsal" in stem or ray not in "234":
+        return ""
+    return f"turn {stem}{int(ray) + 1} {parts[2]}"
+
+
+def _knobs(names: tuple[str, ...], centers: Floats) -> Knobs:
+    """The knobs of a skeleton: joints of the spine turn together by regions, hands and feet are scaled as one."""
+    board = _Board({n: i for i, n in enumerate(names)})
     root = names[0]
-    turn("root", [root], 1e-4)
-    shift("root", root, 1e-8)
-    scale("pelvis", [root, "sacroiliac"])
-    turn("pelvis", ["sacroiliac"], 100.0)
-    spine = {r: [n for n in names if n[:2] == r and n[2:].isdigit()] for r in ("vl", "vt", "vc")}
-    for region, some in spine.items():
-        turn(region, some, 3.0)
-        scale(region, some)
-    turn("skull", ["skullbase"], 2.0)
-    scale("skull", ["skullbase", *(n for n in names if n.removeprefix("l_").removeprefix("r_").startswith(FACE))])
+    board.turn("root", [root], 1e-4)
+    board.shift("root", root, 1e-8)
+    board.scale("pelvis", [root, "sacroiliac"])
+    board.turn("pelvis", ["sacroiliac"], 100.0)
+    for region in ("vl", "vt", "vc"):
+        some = [n for n in names if n[:2] == region and n[2:].isdigit()]
+        board.turn(region, some, 3.0)
+        board.scale(region, some)
+    board.turn("skull", ["skullbase"], 2.0)
+    board.scale("skull", ["skullbase", *(n for n in names if n.removeprefix("l_").removeprefix("r_").startswith(FACE))])
     for side in ("l_", "r_"):
-        mine = [n for n in names if n.startswith(side)]
-        stem = {n: n[2:] for n in mine}
-        palm = [n for n in mine if stem[n].startswith(PALM)]
-        fingers = [n for n in mine if stem[n].startswith(("metacarpophalangeal", "carpal_"))]
-        feet = [n for n in mine if stem[n].startswith(FOOT)]
-        turn(side + "clavicle", [side + "sternoclavicular"], 20.0)
-        turn(side + "blade", [side + "acromioclavicular"], 60.0)
-        scale(side + "clavicle", [side + "sternoclavicular", side + "acromioclavicular"])
-        for joint, pull in (("shoulder", 1.0), ("elbow", 1.0), ("radiocarpal", 2.0)):
-            turn(side + joint, [side + joint], pull)
-        for joint, pull in (("hip", 1.0), ("knee", 1.0), ("talocrural", 2.0)):
-            turn(side + joint, [side + joint], pull)
-        for joint in ("shoulder", "elbow", "hip", "knee"):
-            scale(side + joint, [side + joint])
-            shift(side + joint, side + joint, SHIFT * (1 if joint in ("shoulder", "hip") else 10))
-        scale(side + "hand", [side + "radiocarpal", *palm, *fingers], 2.0)
-        scale(side + "foot", [side + "talocrural", *feet])
-        for n in fingers:
-            turn(n, [n], 30.0 if "interphalangeal" in n and not n.endswith("_1") else 15.0)
-        turn(side + "toes", [n for n in feet if stem[n].startswith("metatarsophalangeal")], 60.0)
-        if side + "metatarsophalangeal_2" not in index:
-            turn(side + "toes", [n for n in feet if stem[n].startswith(("midtarsal", "metatarsal"))][:1], 60.0)
-        for n in mine:
-            if stem[n].startswith("carpometacarpal") and n.endswith(("_1",)):
-                turn(n, [n], 20.0)
+        _side(board, side, [n for n in names if n.startswith(side)], centers)
     for n in names:  # joints the standard does not know
         if n.startswith("(") and n != root:
-            turn(n, [n], 5.0)
-            scale(n, [n], 5.0)
-    cells = [(EACH * j + k, c, amount) for c, (_, some, k, amount, _) in enumerate(rows) for j in some]
-    r, c, v = (np.array(x) for x in zip(*cells, strict=True))
-    links = csr_array((v.astype(np.float64), (r, c)), shape=(EACH * len(names), len(rows)))
-    titles = tuple(row[0] for row in rows)
-    place = {t: i for i, t in enumerate(titles)}
-    pairs = [
-        (i, place["scale r_" + t[8:]])
-        for t, i in place.items()
-        if t.startswith("scale l_") and "scale r_" + t[8:] in place
-    ]
-    return Knobs(
-        links, np.array([row[4] for row in rows]), np.array(pairs, np.int32).reshape(-1, 2),
-        np.full(len(pairs), MIRROR), titles,
-    )  # fmt: skip
+            board.turn(n, [n], 5.0)
+            board.scale(n, [n], 5.0)
+    return board.knobs()
+
+
+def _side(board: _Board, side: str, mine: list[str], centers: Floats) -> None:
+    """The knobs of the limbs of one side."""
+    stem = {n: n[2:] for n in mine}
+    palm = [n for n in mine if stem[n].startswith(PALM)]
+    fingers = [n for n in mine if stem[n].startswith(("metacarpophalangeal", "carpal_"))]
+    feet = [n for n in mine if stem[n].startswith(FOOT)]
+    board.turn(side + "clavicle", [side + "sternoclavicular"], 20.0)
+    board.turn(side + "blade", [side + "acromioclavicular"], 60.0)
+    board.scale(side + "clavicle", [side + "sternoclavicular", side + "acromioclavicular"])
+    for joint, pull in (("shoulder", 1), ("elbow", 1), ("radiocarpal", 2), ("hip", 1), ("knee", 1), ("talocrural", 2)):
+        board.turn(side + joint, [side + joint], pull)
+    for joint in ("shoulder", "elbow", "hip", "knee"):
+        board.scale(side + joint, [side + joint])
+        board.shift(side + joint, side + joint, SHIFT * (1 if joint in ("shoulder", "hip") else 10))
+    board.scale(side + "hand", [side + "radiocarpal", *palm, *fingers], 2.0)
+    board.scale(side + "foot", [side + "talocrural", *feet])
+    knuckles = board.some(f"{side}metacarpophalangeal_{k}" for k in (2, 5))
+    for n in fingers:
+        if n.endswith("_1") or len(knuckles) < 2:
+            board.turn(n, [n], 5.0)
+            continue
+        across = centers[knuckles[1]] - centers[knuckles[0]]
+        bent = "interphalangeal" in n
+        board.hinge(n, across / max(float(np.linalg.norm(across)), 1e-9), 2.0, 60.0 if bent else 8.0)
+    board.turn(side + "carpometacarpal_1", [side + "carpometacarpal_1"], 5.0)
+    toes = [n for n in feet if stem[n].startswith("metatarsophalangeal")]
+    board.turn(side + "toes", toes or [n for n in feet if stem[n].startswith(("midtarsal", "metatarsal"))][:1], 4.0)

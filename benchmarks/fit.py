@@ -1,0 +1,108 @@
+"""Fits of scans whose truth is known, and trimesh's non-rigid ICP on the same landmarks.
+
+The scans: people of random sliders, posed between A and T, resampled, with 1 mm of noise, 5 % missing, and landmarks that
+a careful hand has set. The template does not know what made them. Run: python benchmarks/fit.py [--quick]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import vitruvian as vt
+from vitruvian.body import rotations as rot
+from vitruvian.modeling import shrink, source
+from vitruvian.modeling.look import mask
+from vitruvian.modeling.person import humanoid_of
+from vitruvian.modeling.shape import Shape
+from vitruvian.stage.clip import Mesh
+
+NOISE, MISSING, HAND = 0.001, 0.05, 0.004  # metres, share of the surface, metres by which landmarks are off
+MARKS = (
+    "skull_vertex sellion menton suprasternale cervicale navel l_tragion r_tragion l_acromion r_acromion "
+    "l_olecranon r_olecranon l_radial_styloid r_radial_styloid l_ulnar_styloid r_ulnar_styloid l_asis r_asis "
+    "l_humeral_lateral_epicondyle r_humeral_lateral_epicondyle l_humeral_medial_epicondyle r_humeral_medial_epicondyle "
+    "l_femoral_lateral_epicondyle r_femoral_lateral_epicondyle l_femoral_medial_epicondyle r_femoral_medial_epicondyle "
+    "l_tarsal_distal_phalanx_1 r_tarsal_distal_phalanx_1 l_tarsal_distal_phalanx_5 r_tarsal_distal_phalanx_5 "
+    "l_carpal_distal_phalanx_1 r_carpal_distal_phalanx_1 l_carpal_distal_phalanx_2 r_carpal_distal_phalanx_2 "
+    "l_carpal_distal_phalanx_3 r_carpal_distal_phalanx_3 l_carpal_distal_phalanx_5 r_carpal_distal_phalanx_5 "
+    "l_thelion r_thelion"
+).split()
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scan and its truth: points (13380,3) of the body, joint centres by name, `clean` the surface without noise."""
+
+    scan: Mesh
+    marks: dict[str, np.ndarray]
+    points: np.ndarray
+    centers: dict[str, np.ndarray]
+    holes: np.ndarray
+
+
+def someone(seed: int) -> Shape:
+    """Random sliders of an adult."""
+    rng = np.random.default_rng(seed)
+    return Shape(
+        gender=float(rng.uniform()),
+        age=float(rng.uniform(18, 70)),
+        muscle=float(rng.uniform(0.2, 0.8)),
+        weight=float(rng.uniform(0.2, 0.8)),
+        height=float(rng.uniform(0.2, 0.8)),
+        proportions=float(rng.uniform(0.2, 0.8)),
+        cup=float(rng.uniform(0.2, 0.8)),
+        firmness=float(rng.uniform(0.3, 0.7)),
+        origin=tuple(rng.dirichlet([1, 1, 1]).tolist()),
+    )
+
+
+def posed(body: vt.Body, seed: int) -> np.ndarray:
+    """(J,4,4) a stance between A and T, every larger joint a little turned."""
+    rng = np.random.default_rng(seed + 1000)
+    skeleton = body.skeleton
+    turn = np.tile(rot.IDENTITY, (1, len(skeleton), 1))
+    lift = rng.uniform(0.5, 1.35)  # radians from hanging arms: A to T
+    for side, sign in (("l_", 1.0), ("r_", -1.0)):
+        turn[0, skeleton.index[side + "shoulder"]] = rot.from_vector([0, 0, sign * lift])
+        spread = rng.uniform(0.03, 0.15)
+        turn[0, skeleton.index[side + "hip"]] = rot.from_vector([0, 0, sign * spread])
+    some = "vl3 vt6 vc4 skullbase elbow radiocarpal hip knee talocrural shoulder".split()
+    for name, j in skeleton.index.items():
+        if name in some or name[2:] in some or "phalangeal" in name:
+            by = rng.normal(scale=0.06, size=3)
+            turn[0, j] = rot.multiply(turn[0, j], rot.from_vector(by))
+    return vt.joint_matrices(skeleton, vt.Motion(skeleton, 30.0, turn, np.zeros((1, 3))))[0]
+
+
+def case(seed: int) -> Case:
+    """A synthetic scan."""
+    import igl
+
+    rng = np.random.default_rng(seed + 2000)
+    human = humanoid_of(someone(seed), outfit=None, hair="none")
+    body = vt.pack(human)
+    matrices = posed(body, seed)
+    points = vt.deformer("log", body)(matrices)[: source.BODY].astype(np.float64)
+    skeleton = body.skeleton
+    places = np.einsum("jab,jb->ja", matrices[:, :3, :3], skeleton.centers) + matrices[:, :3, 3]
+    triangles = source.array("triangles").astype(np.int64)
+    outside = (mask("inside-mouth")[triangles] < 0.1).all(axis=1)
+    v, t = igl.qslim(points, triangles[outside], 22_000)[:2]
+    t = np.asarray(t)[(np.diff(np.sort(t, axis=1), axis=1) > 0).all(axis=1)]
+    v = v + rng.normal(scale=NOISE, size=(len(v), 1)) * shrink.vertex_normals(v, t)
+    middle = v[t].mean(axis=1)
+    area = np.linalg.norm(np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]]), axis=1)
+    gone = np.zeros(len(t), bool)
+    vertices = source.feature_vertices()
+    usual = [points[vertices[n]] for n in ("crotch", "skull_vertex", "l_axilla_distal", "r_axilla_distal")]
+    spots = usual + [middle[k] for k in rng.choice(len(t), 40, replace=False)]
+    for spot in spots:
+        if area[gone].sum() < MISSING * area.sum():
+            gone |= np.linalg.norm(middle - spot, axis=1) < rng.uniform(0.02, 0.04)
+    marks = {n: points[vertices[n]] + rng.normal(scale=HAND / np.sqrt(3), size=3) for n in MARKS}
+    return Case(Mesh(v, t[~gone]), marks, points, dict(zip(skeleton.names, places, strict=True)), middle[gone])
