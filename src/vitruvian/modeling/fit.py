@@ -29,8 +29,10 @@ from vitruvian.motion.types import Motion
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "dm": 0.1, "ft": 0.3048}
 LEAST, FEW = 8, 20
-SAMPLES = 3500
-ROUNDS = 8
+SAMPLES = 2500
+ROUNDS = 11
+STIFF = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.4)  # of the surface, round by round
+HELD = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +99,10 @@ def fit(
     clock("similarity")
     found = _by_landmarks(base, where, goal, np.log(scale * factor))
     clock("landmarks")
-    if values is not None:
-        found, values = _by_surface(found, values, scan, where, goal)
+    found = _by_surface(found, values, scan, where, goal, np.log(scale * factor))
+    values = None if values is None else found.values
     clock("shape")
-    points = _shrunk(found, scan, where, goal)
+    points, _ = _shrunk(found, scan, where, goal)
     clock("offsets")
     state = _Posed(found.template, found.bones, values, points)
     humanoid, pose, body = _rested(state, to_scan, name, loa, look)
@@ -162,84 +164,105 @@ def _by_landmarks(base: Template, where: Any, goal: Floats, size: float) -> Like
     titles = [n.split()[1] for n in base.knobs.names]
     coarse = ("root", "pelvis", "vl", "vt", "vc", "skull")
     limbs = ("clavicle", "blade", "shoulder", "hip")
-    last = [0, 0, 0]
-    for stage, kept in enumerate(
-        (
-            [t == "root" for t in titles],
-            [t in coarse or t[2:] in limbs for t in titles],
-            [t in coarse or t[2:] in (*limbs, "elbow", "knee") for t in titles],
-            [True] * len(titles),
-        )
+    for kept in (
+        [t == "root" for t in titles],
+        [t in coarse or t[2:] in limbs for t in titles],
+        [t in coarse or t[2:] in (*limbs, "elbow", "knee") for t in titles],
+        [True] * len(titles),
     ):
-        del stage
         knobs = base.knobs.only(kept)
-        bones = bo.settle(base.parents, base.centers, base.axes, bones, rows, knobs, usual=usual.ravel(), rounds=15)
-    del last
+        bones = bo.settle(
+            base.parents, base.centers, base.axes, bones, rows, knobs, usual=usual.ravel(), rounds=10, tolerance=1e-3
+        )
     return Likeness(np.zeros(0), bones, base)
 
 
 def _by_surface(
-    found: Likeness, values: Floats, scan: shrink.Scan, where: Any, goal: Floats
-) -> tuple[Likeness, Floats]:
-    usual = values.copy()
-    now = Likeness(values, found.bones, found.template)
+    found: Likeness, values: Floats | None, scan: shrink.Scan, where: Any, goal: Floats, size: float
+) -> Likeness:
+    """Sliders, where the template has some, and joint parameters by landmarks and the surface."""
     base = found.template
-    for _ in range(3):
-        rows = bo.everywhere(where, now.template.points, base.weights, goal, np.ones(len(goal)))
-        now = improved(now, rows, usual=usual, firm=3.0)
+    usual = np.zeros((len(base.names), bo.EACH))
+    usual[:, 6:] = size
+    now, moved, first = found, None, np.zeros(0)
+    if values is not None:
+        now, first, moved = replace(found, values=values), values, moves(values)
+        for _ in range(3):
+            rows = bo.everywhere(where, now.template.points, base.weights, goal, np.ones(len(goal)))
+            now = improved(now, rows, usual=first, firm=3.0, moved=moved)
     rng = np.random.default_rng(0)
-    t = base.triangles
-    a, b, c = (base.points[t[:, k]] for k in range(3))
-    area = np.bincount(
-        t.ravel(), np.repeat(np.linalg.norm(np.cross(b - a, c - a), axis=1), 3), minlength=len(base.points)
-    )
-    chance = area**0.6 * base.heard
-    picked = rng.choice(len(base.points), min(SAMPLES, int(base.heard.sum())), replace=False, p=chance / chance.sum())
-    chosen = base.chosen(picked)
-    moved = None
+    area = shrink.areas(base.points, base.triangles)
+    heard = np.flatnonzero(base.heard)
+    chance = area[heard] ** 0.6
+    density = area[heard] / chance
+    density /= np.average(density, weights=chance)
+    chance /= chance.sum()
     for round_ in range(ROUNDS):
-        if round_ % 3 == 0:
+        late = round_ / (ROUNDS - 1)
+        if values is not None and round_ == ROUNDS // 2:
             moved = moves(now.values)
-        distance = max(0.10 * 0.7**round_, 0.012)
-        rows = _rows(now, scan, chosen, picked, distance, np.radians(60 - 2.5 * round_), 0.15 + 0.12 * round_)
-        marks = bo.everywhere(where, now.template.points, base.weights, goal, np.full(len(goal), 1 / (1 + round_)))
-        now = improved(now, rows.joined(marks), usual=usual, firm=10.0, moved=moved)
-    return now, now.values
+        some = rng.choice(len(heard), min(SAMPLES, len(heard)), replace=False, p=chance)
+        distance = max(0.10 * 0.7**round_, 0.010)
+        trust = (0.1 + 0.9 * late) * density[some] ** (1 - late)
+        rows = _rows(now, scan, heard[some], distance, np.radians(60 - 20 * late), trust)
+        marks = bo.everywhere(where, now.template.points, base.weights, goal, np.full(len(goal), 1 - 0.7 * late))
+        rows = rows.joined(marks)
+        if values is None:
+            t = now.template
+            bones = bo.settle(t.parents, t.centers, t.axes, now.bones, rows, t.knobs, rounds=2, usual=usual.ravel())
+            now = replace(now, bones=bones)
+        else:
+            now = improved(now, rows, usual=first, firm=10.0, moved=moved)
+    return now
 
 
-def _rows(
-    now: Likeness, scan: shrink.Scan, chosen: Any, picked: Any, distance: float, angle: float, trust: float
-) -> Rows:
-    """Point-to-plane rows of some vertices."""
+def _on_scan(now: Likeness) -> Floats:
+    """(V,3) where joint parameters and sliders put the skin."""
     t = now.template
     frame = bo.posed(t.parents, t.centers, t.axes, now.bones)
-    points, _ = bo.skinned(t.points, t.weights, frame.matrices(t.centers))
+    return bo.skinned(t.points, t.weights, frame.matrices(t.centers))[0]
+
+
+def _rows(now: Likeness, scan: shrink.Scan, picked: Any, distance: float, angle: float, trust: Floats) -> Rows:
+    """Point-to-plane rows of some vertices, and of some points of the scan against the template's surface."""
+    t = now.template
+    points = _on_scan(now)
     normals = shrink.vertex_normals(points, t.triangles)
-    match = shrink.matches(points[picked], normals[picked], scan, distance=distance, angle=angle)
+    match = shrink.matches(points[picked], normals[picked], scan, distance=distance * t.reach[picked], angle=angle)
     good = np.flatnonzero(match.good)
-    weight = trust / (1 + (match.distance[good] / (0.5 * distance)) ** 2)
-    return bo.wanted(chosen[good], t.points, t.weights, match.normal[good], match.goal[good], weight)
+    weight = trust[good] / (1 + (match.distance[good] / (0.5 * distance)) ** 2)
+    return bo.wanted(t.chosen(picked[good]), t.points, t.weights, match.normal[good], match.goal[good], weight)
 
 
-def _shrunk(found: Likeness, scan: shrink.Scan, where: Any, goal: Floats) -> Floats:
-    """(V,3) the surface drawn onto the scan by free offsets."""
+def _shrunk(found: Likeness, scan: shrink.Scan, where: Any, goal: Floats) -> tuple[Floats, int]:
+    """(V,3) the surface drawn onto the scan by free offsets, and how many triangles are folded."""
     t = found.template
-    frame = bo.posed(t.parents, t.centers, t.axes, found.bones)
-    points, _ = bo.skinned(t.points, t.weights, frame.matrices(t.centers))
+    start = points = _on_scan(found)
     smooth = shrink.laplacian(points, t.triangles)
-    start = points
-    alpha, distance = 300.0, 0.03
-    for round_ in range(8):
+    rng = np.random.default_rng(1)
+    left = 0
+    for round_ in range(len(STIFF)):
+        alpha, distance = STIFF[round_], max(0.03 * 0.85**round_, 0.012)
         normals = shrink.vertex_normals(points, t.triangles)
-        match = shrink.matches(points, normals, scan, distance=distance, angle=np.radians(50 - round_ * 1.5))
+        match = shrink.matches(points, normals, scan, distance=distance, angle=np.radians(55 - round_ * 1.5))
         pull = (match.good & t.heard) * 1.0
         along = ((match.goal - points) * match.normal).sum(axis=1)
         target = points - start + along[:, None] * match.normal
-        stiff = alpha * (1 + (1 - t.soft) * 30)
-        u = shrink.offsets(start, smooth, pull, target, stiff)
-        points, _ = shrink.unfolded(points, start + u - points, t.triangles, smooth)
-        alpha, distance = max(alpha / 3, 0.3), max(distance * 0.8, 0.01)
-    return points
+        stiff = alpha + t.stiff * np.maximum(100 - alpha, 0) * HELD
+        # the other way: what points of the scan want of the template's surface
+        some = rng.choice(len(scan.vertices), min(len(scan.vertices), 15_000), replace=False)
+        back = shrink.matches(
+            scan.vertices[some], scan.normals[some], shrink.surface(points, t.triangles), distance=distance, angle=0.8
+        )
+        good = back.good & t.heard[t.triangles[back.face]].all(axis=1)
+        blend = shrink.blend(t.triangles[back.face[good]], back.share[good], len(points))
+        ahead = ((scan.vertices[some][good] - back.goal[good]) * back.normal[good]).sum(axis=1)
+        wish = shrink.Wish(blend, blend @ (points - start) + ahead[:, None] * back.normal[good], 0.5)
+        u = shrink.offsets(
+            smooth, pull, target, stiff, [wish, shrink.Wish(where, goal - where @ start, 10 / 3**round_)]
+        )
+        points, left = shrink.unfolded(points, start + u - points, t.triangles, smooth)
+    return points, left
 
 
 def _rested(state: _Posed, to_scan: Floats, name: str, loa: int, look: dict[str, Any]) -> tuple[Humanoid, Motion, Body]:

@@ -186,15 +186,15 @@ def improved(
     downhill[k:] -= keep.T @ (pull * off) + pairs.T @ (tie * gap)
     hessian[:k, :k] += np.diag(ridge)
     downhill[:k] -= ridge * (found.values - usual)
-    hessian += np.diag(1e-6 * np.diag(hessian) + 1e-9)
-    factor = np.linalg.cholesky(hessian).T
     low, high = bounds()
     span = np.full(len(downhill) - k, np.inf)
     limits = np.r_[low - found.values - 1e-9, -span], np.r_[high - found.values + 1e-9, span]
-    step = lsq_linear(factor, np.linalg.solve(factor.T, downhill), bounds=limits, method="bvls", max_iter=60).x
-    for share in (1.0, 0.5, 0.2):
-        values = np.clip(found.values + share * step[:k], low, high)
-        trial = Likeness(values, changed(bones, knobs.links @ (share * step[k:])), reshaped(t, values))
+    size = np.diag(hessian)
+    for damping in (1e-6, 1e-2, 0.1, 1.0):
+        factor = np.linalg.cholesky(hessian + np.diag(damping * size + 1e-9)).T
+        step = lsq_linear(factor, np.linalg.solve(factor.T, downhill), bounds=limits, method="bvls", max_iter=60).x
+        values = np.clip(found.values + step[:k], low, high)
+        trial = Likeness(values, changed(bones, knobs.links @ step[k:]), reshaped(t, values))
         if cost(trial)[0] < before:
             return trial
     return found

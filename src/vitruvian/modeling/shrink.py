@@ -7,6 +7,7 @@ Sources: note body.md, section 3; B. Allen, B. Curless, Z. Popovic, "The space o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -40,12 +41,13 @@ class Scan:
 @dataclass(frozen=True, eq=False)
 class Match:
     """For points (n): the closest point `goal` (n,3) of a scan, its `normal` (n,3), the `distance` (n,), which triangle
-    `face` (n,), and whether it is `good`."""
+    `face` (n,) at which barycentric `share` (n,3), and whether it is `good`."""
 
     goal: Floats
     normal: Floats
     distance: Floats
     face: Ints
+    share: Floats
     good: Flags
 
 
@@ -60,6 +62,11 @@ def surface_of(vertices: Floats, triangles: Ints) -> Scan:
     open_ = keys[count == 1]
     border[open_ // max(len(place), 1)] = border[open_ % max(len(place), 1)] = True
     return Scan(place, t.astype(np.int32), vertex_normals(place, t), border)
+
+
+def surface(points: Floats, triangles: Ints) -> Scan:
+    """A surface that is whole and clean already, such as a template's."""
+    return Scan(points, triangles, vertex_normals(points, triangles), np.zeros(len(points), bool))
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:
@@ -82,7 +89,7 @@ def closest(points: Floats, scan: Scan) -> tuple[Floats, Floats, Ints, Floats]:
     return np.sqrt(np.asarray(squared).reshape(-1)), foot, face, barycentric(scan.vertices[scan.triangles[face]], foot)
 
 
-def matches(points: Floats, normals: Floats, scan: Scan, *, distance: float, angle: float) -> Match:
+def matches(points: Floats, normals: Floats, scan: Scan, *, distance: float | Floats, angle: float) -> Match:
     """The closest points of a scan to points (n,3) with unit normals (n,3); good within `distance` (m) and `angle`."""
     away, foot, face, share = closest(points, scan)
     corners = scan.triangles[face]
@@ -92,7 +99,7 @@ def matches(points: Floats, normals: Floats, scan: Scan, *, distance: float, ang
     good = (away < distance) & ((normal * normals).sum(axis=1) > np.cos(angle)) & ~edge
     if good.any():
         good &= away <= np.quantile(away[good], 1 - WORST)
-    return Match(foot, normal, away, face, good)
+    return Match(foot, normal, away, face, share, good)
 
 
 def laplacian(points: Floats, triangles: Ints) -> Any:
@@ -107,28 +114,44 @@ def laplacian(points: Floats, triangles: Ints) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Wish:
-    """Points that means `vertex` (k,n) sparse of vertices shall come to (k,3), with one weight."""
+    """That means `vertex` (k,n) sparse of offsets shall be these (k,3), with one weight."""
 
     vertex: csr_array
-    goal: Floats
+    offset: Floats
     weight: float
 
 
-def offsets(
-    points: Floats, smooth: Any, pull: Floats, target: Floats, stiff: Floats, wish: Wish | None = None
-) -> Floats:
-    """(n,3) the offsets u with least sum pull |u - target|^2 + |stiff L u|^2, L = `smooth`, plus the wish's squares."""
+def offsets(smooth: Any, pull: Floats, target: Floats, stiff: Floats, wishes: Sequence[Wish] = ()) -> Floats:
+    """(n,3) the offsets u with least sum pull |u - target|^2 + stiff |L u|^2, L = `smooth`, plus the wishes' squares.
+
+    pull, stiff (n,), target (n,3). One sparse factorisation serves all three axes.
+    """
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import splu
 
     bend = diags_array(np.sqrt(stiff)) @ smooth
     left = diags_array(pull + 1e-9) + bend.T @ bend
     right = pull[:, None] * target
-    if wish is not None:
+    for wish in wishes:
         left = left + wish.weight * (wish.vertex.T @ wish.vertex)
-        right = right + wish.weight * (wish.vertex.T @ (wish.goal - wish.vertex @ points))
+        right = right + wish.weight * (wish.vertex.T @ wish.offset)
     solver = splu(left.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return np.asarray(solver.solve(right))
+
+
+def blend(corners: Ints, share: Floats, count: int) -> csr_array:
+    """(n,count) sparse: the points of triangles with corners (n,3) and barycentric coordinates (n,3)."""
+    from scipy.sparse import csr_array
+
+    n = len(corners)
+    return csr_array((share.ravel(), corners.ravel(), np.arange(0, 3 * n + 1, 3)), shape=(n, count))
+
+
+def areas(points: Floats, triangles: Ints) -> Floats:
+    """(n,) a third of the area of the triangles round each point, m2."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    face = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.bincount(triangles.ravel(), np.repeat(face, 3), minlength=len(points)).astype(np.float64)
 
 
 def folds(before: Floats, after: Floats, triangles: Ints) -> Flags:

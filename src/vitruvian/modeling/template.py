@@ -36,8 +36,8 @@ FINGERS = 1e-3  # how much neighbouring fingers bend alike
 class Template:
     """A body as arrays: `points` (V,3), `triangles` (T,3), `weights` (V,J) sparse, rows that sum to 1; joint `names`
     (2.0's where the standard knows them), `parents`, `centers` (J,3); `places`: feature point -> vertices (k,) and their
-    shares (k,). `soft` (V,) 0..1: how far the surface may follow the scan by itself; `heard` (V,): it is skin that a
-    scanner sees."""
+    shares (k,). `stiff` (V,) 0..1: how little the surface follows the scan by itself; `reach` (V,) 0..1: from how far
+    away a part is drawn, against the trunk; `heard` (V,): it is skin that a scanner sees."""
 
     names: tuple[str, ...]
     parents: Ints
@@ -46,7 +46,8 @@ class Template:
     triangles: Ints
     weights: csr_array
     places: dict[str, tuple[Ints, Floats]]
-    soft: Floats
+    stiff: Floats
+    reach: Floats
     heard: Any
 
     @cached_property
@@ -129,7 +130,8 @@ def person_template(shape: Shape) -> Template:
         source.array("triangles").astype(np.int32),
         weights,
         places,
-        1 - np.clip(stiff, 0, 1),
+        np.clip(stiff, 0, 1),
+        1 - 0.7 * hands - 0.5 * toes,
         (hidden < 0.1) & (mask("eyelids") < 0.5),
     )
 
@@ -174,7 +176,7 @@ def body_template(body: Body) -> Template:
     hands = _share(weights, tuple(names), ("radiocarpal", *PALM, "metacarpo", "carpal_"))
     return Template(
         tuple(names), skeleton.parents, skeleton.centers, skin.rest, skin.triangles, weights, places,
-        1 - 0.9 * hands, np.ones(len(skin.rest), bool),
+        0.9 * hands, 1 - 0.7 * hands, np.ones(len(skin.rest), bool),
     )  # fmt: skip
 
 
