@@ -22,7 +22,7 @@ from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling import bones as bo
 from vitruvian.modeling import shrink
 from vitruvian.modeling.bones import Bones, Rows
-from vitruvian.modeling.likeness import Likeness, improved, moves, reshaped, shape_of, values_of
+from vitruvian.modeling.likeness import Likeness, improved, reshaped, shape_of, values_of
 from vitruvian.modeling.shape import Shape
 from vitruvian.modeling.template import Template, body_template, person_template
 from vitruvian.motion.types import Motion
@@ -30,7 +30,7 @@ from vitruvian.motion.types import Motion
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "dm": 0.1, "ft": 0.3048}
 LEAST, FEW = 8, 20
 SAMPLES = 2500
-ROUNDS = 11
+ROUNDS = 15
 STIFF = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.4)  # of the surface, round by round
 HELD = 1.0
 
@@ -184,12 +184,12 @@ def _by_surface(
     base = found.template
     usual = np.zeros((len(base.names), bo.EACH))
     usual[:, 6:] = size
-    now, moved, first = found, None, np.zeros(0)
+    now, first = found, np.zeros(0)
     if values is not None:
-        now, first, moved = replace(found, values=values), values, moves(values)
+        now, first = replace(found, values=values), values
         for _ in range(3):
             rows = bo.everywhere(where, now.template.points, base.weights, goal, np.ones(len(goal)))
-            now = improved(now, rows, usual=first, firm=3.0, moved=moved)
+            now = improved(now, rows, usual=first, firm=30.0)
     rng = np.random.default_rng(0)
     area = shrink.areas(base.points, base.triangles)
     heard = np.flatnonzero(base.heard)
@@ -199,10 +199,8 @@ def _by_surface(
     chance /= chance.sum()
     for round_ in range(ROUNDS):
         late = round_ / (ROUNDS - 1)
-        if values is not None and round_ == ROUNDS // 2:
-            moved = moves(now.values)
         some = rng.choice(len(heard), min(SAMPLES, len(heard)), replace=False, p=chance)
-        distance = max(0.10 * 0.7**round_, 0.010)
+        distance = max(0.10 * 0.82**round_, 0.010)
         trust = (0.1 + 0.9 * late) * density[some] ** (1 - late)
         rows = _rows(now, scan, heard[some], distance, np.radians(60 - 20 * late), trust)
         marks = bo.everywhere(where, now.template.points, base.weights, goal, np.full(len(goal), 1 - 0.7 * late))
@@ -212,7 +210,7 @@ def _by_surface(
             bones = bo.settle(t.parents, t.centers, t.axes, now.bones, rows, t.knobs, rounds=2, usual=usual.ravel())
             now = replace(now, bones=bones)
         else:
-            now = improved(now, rows, usual=first, firm=10.0, moved=moved)
+            now = improved(now, rows, usual=first, firm=30 * 0.2**late)
     return now
 
 

@@ -16,13 +16,13 @@ import numpy as np
 from vitruvian.body.types import Floats
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.bones import Bones, Rows, changed, flat, jacobian, placed, posed
-from vitruvian.modeling.shape import WEIGHTS, Shape, details, shaped
+from vitruvian.modeling.shape import WEIGHTS, Shape, details, factors, shaped
 from vitruvian.modeling.template import Template
 
 MACROS = ("gender", "age", "muscle", "weight", "height", "proportions", "cup", "firmness")
 ORIGIN = 3
 YEARS = 25.0  # of one unit of age
-STEP = 0.1
+STEP = 0.03  # of a slider, over which slopes are taken
 PULL_MACRO, PULL_DETAIL = 2e-4, 1e-3  # against squares of landmarks that are 1 cm off
 # Sliders of the face's small parts are left to the free refinement: scans are seldom that good.
 _SMALL = (
@@ -77,32 +77,47 @@ def bounds() -> tuple[Floats, Floats]:
 
 
 @cache
+def _move(target: str) -> tuple[Floats, Floats]:
+    """(40140,) float32 how a target of the data moves the body's points, and (146,3) the joint centres."""
+    whole = np.zeros_like(source.points())
+    index, offset = source.target(target)
+    whole[index] = offset
+    return whole[: source.BODY].astype(np.float32).ravel(), anatomy.centers(whole)
+
+
+@cache
 def _detail_moves() -> tuple[Floats, Floats]:
-    """(K,13380,3) float32 how the details move the body per unit, and (K,146,3) the centres; mean of both sides."""
+    """(2,K,40140) float32 how the details move the body upward and downward, per unit, and (2,K,146,3) the centres."""
     names = slider_names()[len(MACROS) + ORIGIN :]
-    points = np.zeros((len(names), source.BODY, 3), np.float32)
-    centers = np.zeros((len(names), len(anatomy.names()), 3))
-    for k, name in enumerate(names):
-        both = np.zeros_like(source.points())
-        for word, sign in (("incr", 0.5), ("decr", -0.5)):
-            index, offset = source.target(f"{name}-{word}")
-            both[index] += sign * offset
-        points[k], centers[k] = both[: source.BODY], anatomy.centers(both)
+    both = [[_move(f"{name}-{word}") for name in names] for word in ("incr", "decr")]
+    points = np.array([[m[0] for m in side] for side in both])
+    centers = np.array([[m[1] for m in side] for side in both])
+    points[1] *= -1
+    centers[1] *= -1
     return points, centers
 
 
 def moves(values: Floats) -> tuple[Floats, Floats]:
-    """(K,13380,3) and (K,146,3): how body points and centres move per unit of each slider, about these values."""
+    """(K,13380,3) float32 and (K,146,3): how body points and centres move per unit of each slider, at these values."""
     low, high = bounds()
-    some, joints = [], []
-    for k in range(len(MACROS) + ORIGIN):
+    macro = len(MACROS) + ORIGIN
+    change: list[dict[str, float]] = []
+    for k in range(macro):
         up, down = values.copy(), values.copy()
         up[k], down[k] = min(values[k] + STEP, high[k]), max(values[k] - STEP, low[k])
-        change = (shaped(shape_of(up)) - shaped(shape_of(down))) / (up[k] - down[k])
-        some.append(change[: source.BODY].astype(np.float32))
-        joints.append(anatomy.centers(change))
-    points, centers = _detail_moves()
-    return np.concatenate([np.array(some), points]), np.concatenate([np.array(joints), centers])
+        more, less = factors(shape_of(up)), factors(shape_of(down))
+        gap = up[k] - down[k]
+        change.append({n: (more.get(n, 0.0) - less.get(n, 0.0)) / gap for n in more.keys() | less.keys()})
+    names = sorted({n for c in change for n, x in c.items() if x})
+    table = np.array([[c.get(n, 0.0) for n in names] for c in change])
+    points = table.astype(np.float32) @ np.array([_move(n)[0] for n in names])
+    centers = np.tensordot(table, np.array([_move(n)[1] for n in names]), 1)
+    up_and_down, joints = _detail_moves()
+    share = np.clip(0.5 + values[macro:] / (2 * STEP), 0, 1)  # which side of its middle a slider is on
+    detail = share.astype(np.float32)[:, None] * (up_and_down[0] - up_and_down[1]) + up_and_down[1]
+    inner = share[:, None, None] * joints[0] + (1 - share)[:, None, None] * joints[1]
+    both = np.concatenate([points, detail]).reshape(len(values), source.BODY, 3)
+    return both, np.concatenate([centers, inner])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +165,6 @@ def improved(
 
     usual (K,): the values that the ridge pulls sliders to; firm: factor on what holds back scales of bones.
     """
-    from scipy.optimize import lsq_linear
-
     t, bones, knobs = found.template, found.bones, found.template.knobs
     scales = np.array([n.startswith(("scale", "shift")) and not n.startswith("shift root") for n in knobs.names])
     pull = knobs.pull * np.where(scales, firm, 1.0)
@@ -187,14 +200,30 @@ def improved(
     hessian[:k, :k] += np.diag(ridge)
     downhill[:k] -= ridge * (found.values - usual)
     low, high = bounds()
-    span = np.full(len(downhill) - k, np.inf)
-    limits = np.r_[low - found.values - 1e-9, -span], np.r_[high - found.values + 1e-9, span]
     size = np.diag(hessian)
     for damping in (1e-6, 1e-2, 0.1, 1.0):
-        factor = np.linalg.cholesky(hessian + np.diag(damping * size + 1e-9)).T
-        step = lsq_linear(factor, np.linalg.solve(factor.T, downhill), bounds=limits, method="bvls", max_iter=60).x
+        step = _bounded(hessian + np.diag(damping * size + 1e-9), downhill, low - found.values, high - found.values)
         values = np.clip(found.values + step[:k], low, high)
         trial = Likeness(values, changed(bones, knobs.links @ step[k:]), reshaped(t, values))
         if cost(trial)[0] < before:
             return trial
     return found
+
+
+def _bounded(hessian: Floats, downhill: Floats, low: Floats, high: Floats) -> Floats:
+    """The step with least quadratic, whose first parts stay within low..high: those that would leave are held there."""
+    count = len(low)
+    step = np.zeros(len(downhill))
+    free = np.ones(len(downhill), bool)
+    for _ in range(12):
+        right = downhill - hessian[:, ~free] @ step[~free]
+        step[free] = np.linalg.solve(hessian[np.ix_(free, free)], right[free])
+        out = free.copy()
+        out[:count] &= (step[:count] < low - 1e-12) | (step[:count] > high + 1e-12)
+        out[count:] = False
+        if not out.any():
+            break
+        step[:count] = np.clip(step[:count], low, high)
+        free &= ~out
+    step[:count] = np.clip(step[:count], low, high)
+    return step
