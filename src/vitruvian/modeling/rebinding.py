@@ -13,8 +13,8 @@ import numpy as np
 
 from vitruvian.body import rotations as rot
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.body.types import Body, Floats, Weights
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Site
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling import bones as bo
 from vitruvian.modeling.bones import Bones
@@ -74,16 +74,15 @@ def _followers() -> Any:
 def rested_person(
     template: Template,
     bones: Bones,
-    values: Floats | None,
     points: Floats,
     to_scan: Floats,
+    values: Floats,
     *,
     name: str,
     loa: int,
     look: dict[str, Any],
-) -> tuple[Humanoid, Motion, Body]:
+) -> tuple[Humanoid, Motion]:
     """The built-in person whose skin lies at `points` (13380,3), upright, in the pose of its bones."""
-    assert values is not None
     sliders = shape_of(values)
     full = shaped(sliders)
     centers = anatomy.centers(full)
@@ -118,7 +117,93 @@ def rested_person(
     where = where + parents_matrix(assembly.keys) @ (_followers() @ change)
     humanoid = figure(sliders, assembly, where, middle, moved_ends, loa=loa, name=name)
     body = pack(humanoid)
-    return humanoid, pose_of(body, {n: to_scan @ matrices[places[n]] for n in body.skeleton.names}), body
+    return humanoid, pose_of(body, {n: to_scan @ matrices[places[n]] for n in body.skeleton.names})
+
+
+def rested_body(
+    humanoid: Humanoid, template: Template, bones: Bones, points: Floats, to_scan: Floats, *, name: str
+) -> tuple[Humanoid, Motion]:
+    """A copy of a humanoid at rest, sized and shaped so that its surface lies at `points` (V,3), upright, in the pose of
+    its bones.
+
+    Segment geometry, Sites and displacers are scaled with their bones; those on the skin follow it. What the humanoid
+    was made from, its clips and masses are forgotten: they were those of another body.
+    """
+    from scipy.spatial import cKDTree
+
+    body = pack(humanoid)
+    plain = replace(body.skeleton, binding=None)
+    centers = template.centers
+    frame = bo.posed(template.parents, centers, template.axes, bones)
+    straight = bo.posed(template.parents, centers, template.axes, replace(bones, turn=np.zeros_like(bones.turn)))
+    scaled = straight.matrices(centers)
+    size, stretch = bo.skinned(template.points, template.weights, scaled)
+    sized = replace(
+        body,
+        skeleton=replace(plain, centers=straight.place),
+        skin=replace(body.skin, rest=size, morphs=(), weights=_whole(template)),
+        contours=(),
+    )
+    rigid = _with(frame.turn)
+    rigid[:, :3, 3] = frame.place - np.einsum("jab,jb->ja", frame.turn, straight.place)
+    rest = dressed(sized, points, rigid)
+    down = np.array([0.0, -rest[:, 1].min(), 0.0])
+    tree, moved = cKDTree(template.points), rest - size
+    out = humanoid.copied()
+    count = len(humanoid.skin_coord)
+    every = list({id(j): j for j in out.joints()}.values())
+    place = {n: i for i, n in enumerate(plain.names)}
+
+    def carried(p: Floats, j: int) -> Floats:
+        near, index = tree.query(p, k=min(6, len(moved)))
+        share = 1 / (near + 1e-4)
+        along = (moved[index] * (share / share.sum(axis=-1, keepdims=True))[..., None]).sum(axis=-2)
+        fade = np.clip(2 - near.min(axis=-1) / 0.02, 0, 1)  # what is deep inside goes with its bone
+        return p @ scaled[j, :3, :3].T + scaled[j, :3, 3] + fade[..., None] * along + down
+
+    for joint in every:
+        j = place[joint.name]
+        joint.center = straight.place[j] + down
+        joint.translation, joint.rotation = np.zeros(3), np.array([0.0, 0.0, 1.0, 0.0])
+        joint.sites = [_site(s, carried(s.center + s.translation, j)) for s in joint.sites]
+        joint.displacers = [_grown(d, stretch, count) for d in joint.displacers]
+        for segment in joint.segments:
+            segment.sites = [_site(s, carried(s.center + s.translation, j)) for s in segment.sites]
+            segment.shapes = [
+                s
+                if s.points is None
+                else replace(s, points=carried(s.points, j), normals=None, normal_triangles=None, node=None)
+                for s in segment.shapes
+                if s.transform is None
+            ] + [s for s in segment.shapes if s.transform is not None]
+            segment.mass, segment.center_of_mass = 0.0, np.zeros(3)
+            segment.moments_of_inertia = np.zeros(9)
+    coordinates = (rest[:count] + down) if len(rest) >= count else humanoid.skin_coord
+    made = replace(
+        out, name=name, skin_coord=coordinates, skin_normal=None, binding={}, motions=[], tracks=[], made_from=None
+    ).settled()
+    fresh = pack(made)
+    rigid[:, :3, 3] = frame.place - np.einsum("jab,jb->ja", frame.turn, straight.place + down)
+    return made, pose_of(fresh, {n: to_scan @ rigid[place[n]] for n in fresh.skeleton.names})
+
+
+def _site(site: Site, where: Floats) -> Site:
+    return replace(site, translation=where - site.center, node=None)
+
+
+def _grown(d: Displacer, stretch: Floats, count: int) -> Displacer:
+    """A displacer whose moves have grown with the flesh."""
+    index = d.coord_index
+    if not len(index) or int(index.max()) >= min(count, len(stretch)) or len(d.displacements) != len(index):
+        return d
+    return replace(d, displacements=np.einsum("nab,nb->na", stretch[index], d.displacements))
+
+
+def _whole(template: Template) -> Weights:
+    """A template's weights, which sum to one."""
+    rows = template.weights.tocsr()
+    rows.sort_indices()
+    return Weights(rows.indptr, rows.indices, rows.data)
 
 
 def pose_of(body: Body, matrices: dict[str, Floats]) -> Motion:

@@ -51,8 +51,9 @@ class Match:
     good: Flags
 
 
-def surface_of(vertices: Floats, triangles: Ints) -> Scan:
-    """A scan for matching; points of triangle soups are taken together where they are at one place."""
+def surface_of(vertices: Floats, triangles: Ints) -> tuple[Scan, int]:
+    """A scan for matching; points of triangle soups are taken together where they are at one place.
+    Also how many edges have more than two triangles."""
     place, same = np.unique(np.round(vertices, 7), axis=0, return_inverse=True)
     t = same.reshape(-1)[triangles]
     t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
@@ -61,7 +62,7 @@ def surface_of(vertices: Floats, triangles: Ints) -> Scan:
     border = np.zeros(len(place), bool)
     open_ = keys[count == 1]
     border[open_ // max(len(place), 1)] = border[open_ % max(len(place), 1)] = True
-    return Scan(place, t.astype(np.int32), vertex_normals(place, t), border)
+    return Scan(place, t.astype(np.int32), vertex_normals(place, t), border), int((count > 2).sum())
 
 
 def surface(points: Floats, triangles: Ints) -> Scan:
@@ -89,7 +90,9 @@ def closest(points: Floats, scan: Scan) -> tuple[Floats, Floats, Ints, Floats]:
     return np.sqrt(np.asarray(squared).reshape(-1)), foot, face, barycentric(scan.vertices[scan.triangles[face]], foot)
 
 
-def matches(points: Floats, normals: Floats, scan: Scan, *, distance: float | Floats, angle: float) -> Match:
+def matches(
+    points: Floats, normals: Floats, scan: Scan, *, distance: float | Floats, angle: float, worst: float = WORST
+) -> Match:
     """The closest points of a scan to points (n,3) with unit normals (n,3); good within `distance` (m) and `angle`."""
     away, foot, face, share = closest(points, scan)
     corners = scan.triangles[face]
@@ -98,7 +101,7 @@ def matches(points: Floats, normals: Floats, scan: Scan, *, distance: float | Fl
     edge = ((share > 1e-9) & scan.border[corners]).sum(axis=1) == (share > 1e-9).sum(axis=1)
     good = (away < distance) & ((normal * normals).sum(axis=1) > np.cos(angle)) & ~edge
     if good.any():
-        good &= away <= np.quantile(away[good], 1 - WORST)
+        good &= away <= np.quantile(away[good], 1 - worst)
     return Match(foot, normal, away, face, share, good)
 
 

@@ -131,7 +131,7 @@ def person_template(shape: Shape) -> Template:
         weights,
         places,
         np.clip(stiff, 0, 1),
-        1 - 0.7 * hands - 0.5 * toes,
+        1 - 0.5 * hands - 0.5 * toes,
         (hidden < 0.1) & (mask("eyelids") < 0.5),
     )
 
@@ -176,7 +176,7 @@ def body_template(body: Body) -> Template:
     hands = _share(weights, tuple(names), ("radiocarpal", *PALM, "metacarpo", "carpal_"))
     return Template(
         tuple(names), skeleton.parents, skeleton.centers, skin.rest, skin.triangles, weights, places,
-        0.9 * hands, 1 - 0.7 * hands, np.ones(len(skin.rest), bool),
+        0.9 * hands, 1 - 0.5 * hands, np.ones(len(skin.rest), bool),
     )  # fmt: skip
 
 
@@ -293,7 +293,7 @@ def _side(board: _Board, side: str, mine: list[str], centers: Floats) -> None:
     board.turn(side + "clavicle", [side + "sternoclavicular"], 20.0)
     board.turn(side + "blade", [side + "acromioclavicular"], 60.0)
     board.scale(side + "clavicle", [side + "sternoclavicular", side + "acromioclavicular"])
-    for joint, pull in (("shoulder", 1), ("elbow", 1), ("radiocarpal", 2), ("hip", 1), ("knee", 1), ("talocrural", 2)):
+    for joint, pull in (("shoulder", 1), ("elbow", 1), ("radiocarpal", 6), ("hip", 1), ("knee", 1), ("talocrural", 2)):
         board.turn(side + joint, [side + joint], pull)
     for joint in ("shoulder", "elbow", "hip", "knee"):
         board.scale(side + joint, [side + joint])
@@ -303,11 +303,11 @@ def _side(board: _Board, side: str, mine: list[str], centers: Floats) -> None:
     knuckles = board.some(f"{side}metacarpophalangeal_{k}" for k in (2, 5))
     for n in fingers:
         if n.endswith("_1") or len(knuckles) < 2:
-            board.turn(n, [n], 5.0)
+            board.turn(n, [n], 1.0)
             continue
         across = centers[knuckles[1]] - centers[knuckles[0]]
         bent = "interphalangeal" in n
-        board.hinge(n, across / max(float(np.linalg.norm(across)), 1e-9), 2.0, 60.0 if bent else 8.0)
-    board.turn(side + "carpometacarpal_1", [side + "carpometacarpal_1"], 5.0)
+        board.hinge(n, across / max(float(np.linalg.norm(across)), 1e-9), 0.3, 60.0 if bent else 8.0)
+    board.turn(side + "carpometacarpal_1", [side + "carpometacarpal_1"], 2.0)
     toes = [n for n in feet if stem[n].startswith("metatarsophalangeal")]
     board.turn(side + "toes", toes or [n for n in feet if stem[n].startswith(("midtarsal", "metatarsal"))][:1], 4.0)
