@@ -43,6 +43,7 @@ SAMPLES = 2500
 ROUNDS = 15
 STIFF = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.4)  # of the surface, round by round
 HELD = 1.0
+DOUBT = 0.025  # metres by which a landmark misses when it is half believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,14 +320,15 @@ def _by_surface(
         distance = np.maximum(0.10 * 0.84**round_ * base.reach, 0.012)
         trust = (0.1 + 0.9 * late) * density[some] ** (1 - late)
         rows = _rows(now, scan, heard[some], distance, np.radians(60 - 20 * late), trust)
-        marks = bo.everywhere(where, now.template.points, base.weights, goal, np.full(len(goal), 1 - 0.7 * late))
+        off = np.linalg.norm(where @ _on_scan(now) - goal, axis=1)
+        marks = bo.everywhere(where, now.template.points, base.weights, goal, (1 - 0.7 * late) / (1 + (off / DOUBT) ** 2))
         rows = rows.joined(marks)
         if values is None:
             t = now.template
             bones = bo.settle(t.parents, t.centers, t.axes, now.bones, rows, t.knobs, rounds=2, usual=usual.ravel())
             now = replace(now, bones=bones)
         else:
-            now = improved(now, rows, usual=first, firm=30 * 0.2**late)
+            now = improved(now, rows, usual=first, firm=60 * 0.5**late)
     return now
 
 
@@ -356,7 +358,7 @@ def _shrunk(found: Likeness, scan: shrink.Scan, where: Any, goal: Floats) -> tup
     rng = np.random.default_rng(1)
     left = 0
     for round_ in range(len(STIFF)):
-        alpha, distance = STIFF[round_], max(0.03 * 0.85**round_, 0.012)
+        alpha, distance = STIFF[round_], max(0.06 * 0.75**round_, 0.012)
         normals = shrink.vertex_normals(points, t.triangles)
         match = shrink.matches(points, normals, scan, distance=distance, angle=np.radians(55 - round_ * 1.5))
         pull = (match.good & t.heard) * 1.0
