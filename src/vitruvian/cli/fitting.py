@@ -32,11 +32,15 @@ def fit(
         "NAME.json for NAME.obj. Default: SCAN.json beside a scan, else they are looked for on an upright scan.",
     ),
     unit: str | None = typer.Option(None, "--unit", help="mm, cm, m, in, dm or ft (default: by the person's size)."),
-    template: str | None = typer.Option(None, "--template", help="A skinned body to fit instead of the built-in person."),
+    template: str | None = typer.Option(
+        None, "--template", help="A skinned body to fit instead of the built-in person."
+    ),
     form: str = typer.Option("x3d", "--form", help="With several scans: extension of the files to write."),
     pose_out: Path | None = typer.Option(None, "--pose-out", help="File for the person in the scan's pose, or .bvh."),
     hair: str | None = typer.Option(None, help="short, bob, bun or none (default: by sex and age)."),
-    outfit: str | None = typer.Option(None, help='"t-shirt and shorts", ... (default: a body suit painted on the skin).'),
+    outfit: str | None = typer.Option(
+        None, help='"t-shirt and shorts", ... (default: a body suit painted on the skin).'
+    ),
     loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),
     as_json: bool = Json,
 ) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
 from vitruvian.body.types import Floats, floats, indices
+from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling import bones as bo
@@ -131,9 +133,14 @@ def fit(
         values = found.values
         humanoid, pose = rested_person(*args, values, name=name, loa=loa, look={"outfit": None} | look)
     clock("rest")
+    matrices = joint_matrices(pose.skeleton, pose)[0]
+    with catch_warnings():
+        simplefilter("ignore")
+        worn = deformer("log", pack(humanoid), weights="normalise")(matrices)[: len(points)].astype(np.float64)
+    if loa == 4 or template is not None:  # what the humanoid shows, with what keeps it from running through itself
+        points = (worn - to_scan[:3, 3]) @ turn
     report, gap = _report(found.template, scan, points, warnings)
     residual = np.linalg.norm(where @ points - goal, axis=1) * 1000
-    matrices = joint_matrices(pose.skeleton, pose)[0]
     centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], pose.skeleton.centers) + matrices[:, :3, 3]
     report |= {
         "landmarks": {str(n): float(r) for n, r in zip(marks, residual, strict=True)},
@@ -321,7 +328,9 @@ def _by_surface(
         trust = (0.1 + 0.9 * late) * density[some] ** (1 - late)
         rows = _rows(now, scan, heard[some], distance, np.radians(60 - 20 * late), trust)
         off = np.linalg.norm(where @ _on_scan(now) - goal, axis=1)
-        marks = bo.everywhere(where, now.template.points, base.weights, goal, (1 - 0.7 * late) / (1 + (off / DOUBT) ** 2))
+        marks = bo.everywhere(
+            where, now.template.points, base.weights, goal, (1 - 0.7 * late) / (1 + (off / DOUBT) ** 2)
+        )
         rows = rows.joined(marks)
         if values is None:
             t = now.template

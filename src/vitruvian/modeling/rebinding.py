@@ -13,14 +13,17 @@ import numpy as np
 
 from vitruvian.body import rotations as rot
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Weights
+from vitruvian.body.types import Body, Floats, Ints, Weights
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Site
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling import bones as bo
 from vitruvian.modeling.bones import Bones
+from vitruvian.modeling.crossings import crossings
 from vitruvian.modeling.likeness import shape_of
 from vitruvian.modeling.person import assemble, figure, parents_matrix, resting, weight_matrix
+from vitruvian.modeling.rest import at_rest
 from vitruvian.modeling.shape import shaped
+from vitruvian.modeling.shrink import laplacian
 from vitruvian.modeling.template import Template
 from vitruvian.modeling.transfer import dressed
 from vitruvian.motion.types import Motion
@@ -113,6 +116,10 @@ def rested_person(
     target = body.skin.rest.copy()
     target[: source.BODY] = points
     fresh = dressed(body, target, here)[: source.BODY]
+    plain = at_rest(
+        straight.place, bo.skinned(full[: source.BODY], template.weights, scaled)[0], _whole(template), rest
+    )[0]
+    fresh = _apart(plain, fresh, template.triangles)
     change = fresh - where[: source.BODY]
     where = where + parents_matrix(assembly.keys) @ (_followers() @ change)
     humanoid = figure(sliders, assembly, where, middle, moved_ends, loa=loa, name=name)
@@ -204,6 +211,28 @@ def _whole(template: Template) -> Weights:
     rows = template.weights.tocsr()
     rows.sort_indices()
     return Weights(rows.indptr, rows.indices, rows.data)
+
+
+def _apart(plain: Floats, shaped_: Floats, triangles: Ints, rounds: int = 7) -> Floats:
+    """The shaped points (v,3) at rest, nearer to the plain ones where they make triangles cross that did not before."""
+    before = {tuple(p) for p in np.sort(crossings(plain, triangles), axis=1).tolist()}
+    share, near = np.ones(len(plain)), abs(laplacian(plain, triangles)) > 0
+    points = shaped_
+    for _ in range(rounds):
+        now = np.sort(crossings(points, triangles), axis=1)
+        fresh = [p for p in now.tolist() if tuple(p) not in before]
+        if len(now) <= len(before):
+            break
+        some = np.zeros(len(plain), bool)
+        some[triangles[np.array(fresh)].ravel()] = True
+        for _ in range(3):
+            some |= (near @ some) > 0
+        share[some] *= 0.4
+        soft = share
+        for _ in range(3):
+            soft = np.minimum(share, (near @ soft) / np.maximum(near.sum(axis=1), 1))
+        points = plain + soft[:, None] * (shaped_ - plain)
+    return points
 
 
 def pose_of(body: Body, matrices: dict[str, Floats]) -> Motion:
