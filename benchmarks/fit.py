@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -106,3 +105,120 @@ def case(seed: int) -> Case:
             gone |= np.linalg.norm(middle - spot, axis=1) < rng.uniform(0.02, 0.04)
     marks = {n: points[vertices[n]] + rng.normal(scale=HAND / np.sqrt(3), size=3) for n in MARKS}
     return Case(Mesh(v, t[~gone]), marks, points, dict(zip(skeleton.names, places, strict=True)), middle[gone])
+
+
+def measured(made: Case) -> tuple[dict[str, float], float]:
+    """Figures of our fit, in mm, and its seconds."""
+    from vitruvian.modeling.crossings import crossings
+    from vitruvian.modeling.fit import fit
+
+    start = time.perf_counter()
+    found = fit(made.scan, made.marks, hair="none")
+    seconds = time.perf_counter() - start
+    body = vt.pack(found.humanoid)
+    matrices = vt.joint_matrices(body.skeleton, found.pose)[0]
+    points = vt.deformer("log", body)(matrices)[: source.BODY].astype(np.float64)
+    centers = np.einsum("jab,jb->ja", matrices[:, :3, :3], body.skeleton.centers) + matrices[:, :3, 3]
+    off = [np.linalg.norm(c - made.centers[n]) for n, c in zip(body.skeleton.names, centers, strict=True)]
+    hands = ["phalangeal" in n or "carpal" in n for n in body.skeleton.names]
+    large = np.array(off)[~np.array(hands)]
+    triangles = source.array("triangles")
+    assert found.shape is not None
+    plain = humanoid_of(found.shape, outfit=None, hair="none").skin_coord[: source.BODY]
+    before = len(crossings(plain, triangles))
+    after = len(crossings(found.humanoid.skin_coord[: source.BODY], triangles))
+    return scan_distances(made, points, triangles) | {
+        "correspondence": float(np.linalg.norm(points - made.points, axis=1).mean()) * 1000,
+        "joints": float(np.mean(off)) * 1000,
+        "joints p95": float(np.quantile(off, 0.95)) * 1000,
+        "joints max": float(np.max(off)) * 1000,
+        "larger joints max": float(large.max()) * 1000,
+        "crossings added": float(after - before),
+    }, seconds
+
+
+def scan_distances(made: Case, points: np.ndarray, triangles: np.ndarray) -> dict[str, float]:
+    """From the scan's points to a surface: mean and 95th percentile, mm."""
+    away = (
+        shrink.closest(made.scan.vertices[np.unique(made.scan.triangles)], shrink.surface(points, triangles))[0] * 1000
+    )
+    return {"mean": float(away.mean()), "p95": float(np.quantile(away, 0.95))}
+
+
+def peer(made: Case) -> tuple[dict[str, float], float]:
+    """The same of trimesh's `nricp_amberg`, which starts from the default person moved by the landmarks' similarity."""
+    import trimesh
+
+    from vitruvian.modeling.bones import similarity
+
+    person = humanoid_of(Shape(), outfit=None, hair="none").skin_coord[: source.BODY]
+    triangles = source.array("triangles")
+    index = np.array([source.feature_vertices()[n] for n in made.marks])
+    goal = np.array(list(made.marks.values()))
+    scale, turn, shift, _ = similarity(person[index], goal)
+    start = time.perf_counter()
+    moved = trimesh.registration.nricp_amberg(
+        trimesh.Trimesh(scale * person @ turn.T + shift, triangles, process=False),
+        trimesh.Trimesh(made.scan.vertices, made.scan.triangles, process=False),
+        source_landmarks=index,
+        target_positions=goal,
+    )
+    seconds = time.perf_counter() - start
+    points = np.asarray(moved)
+    off = float(np.linalg.norm(points - made.points, axis=1).mean()) * 1000
+    return scan_distances(made, points, triangles) | {"correspondence": off}, seconds
+
+
+def rows(quick: bool = False) -> list[dict[str, object]]:
+    """The benchmark's rows; `quick` fits one scan and leaves the peer out."""
+    out: list[dict[str, object]] = []
+    mine, times = [], []
+    cases = [case(seed) for seed in range(1 if quick else 4)]
+    for made in cases:
+        found, seconds = measured(made)
+        mine.append(found)
+        times.append(seconds)
+    second = float(np.median(times))
+    goals = {
+        "mean": 1.0, "p95": 3.0, "correspondence": 5.0, "joints": 10.0, "joints p95": 10.0, "larger joints max": 10.0,
+        "joints max": 10.0, "crossings added": 0.0,
+    }  # fmt: skip
+    for name, goal in goals.items():
+        worst = max(m[name] for m in mine)
+        unit = "" if name.startswith("crossings") else ", mm"
+        out.append(
+            _row(f"fit {name}, worst of {len(mine)}{unit}", second, None, None, worst, f"<= {goal:g}", worst <= goal)
+        )
+    out.append(_row("fit, seconds of the slowest", max(times), None, None, max(times), "<= 20", max(times) <= 20))
+    if quick:
+        return out
+    theirs, took = peer(cases[0])
+    shares = (("mean distance", mine[0]["mean"] / theirs["mean"], 0.7), ("time", times[0] / took, 0.2))
+    shares += (("correspondence", mine[0]["correspondence"] / theirs["correspondence"], 0.7),)
+    for name, share, goal in shares:
+        out.append(
+            _row(
+                f"fit against nricp_amberg, {name}",
+                times[0],
+                "trimesh nricp",
+                took,
+                share,
+                f"<= {goal:g}",
+                share <= goal,
+            )
+        )
+    return out
+
+
+def _row(
+    name: str, ours: float | None, other: str | None, theirs: float | None, ratio: float, goal: str, holds: bool
+) -> dict[str, object]:
+    return {"name": name, "ours_s": ours, "peer": other, "peer_s": theirs, "ratio": ratio, "goal": goal, "holds": holds}
+
+
+if __name__ == "__main__":
+    for row in rows(quick="--quick" in sys.argv):
+        print(
+            f"{row['name']:<48} {row['ratio']:>10.3g}  {row['goal']:<8} {'holds' if row['holds'] else 'MISSED'}",
+            row["peer_s"],
+        )

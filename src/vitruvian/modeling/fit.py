@@ -131,7 +131,8 @@ def fit(
         humanoid, pose = rested_body(template, *args, name=name)
     else:
         values = found.values
-        humanoid, pose = rested_person(*args, values, name=name, loa=loa, look={"outfit": None} | look)
+        look = {"outfit": None, "hair": "short" if values[0] > 0.3 else None} | look  # a scan's sex is seldom sure
+        humanoid, pose = rested_person(*args, values, name=name, loa=loa, look=look)
     clock("rest")
     matrices = joint_matrices(pose.skeleton, pose)[0]
     with catch_warnings():
