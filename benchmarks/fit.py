@@ -17,7 +17,7 @@ from vitruvian.body import rotations as rot
 from vitruvian.modeling import shrink, source
 from vitruvian.modeling.look import mask
 from vitruvian.modeling.person import humanoid_of
-from vitruvian.modeling.shape import Shape
+from vitruvian.modeling.shape import Shape, shaped
 from vitruvian.stage.clip import Mesh
 
 NOISE, MISSING, HAND = 0.001, 0.05, 0.004  # metres, share of the surface, metres by which landmarks are off
@@ -151,7 +151,7 @@ def peer(made: Case) -> tuple[dict[str, float], float]:
 
     from vitruvian.modeling.bones import similarity
 
-    person = humanoid_of(Shape(), outfit=None, hair="none").skin_coord[: source.BODY]
+    person = shaped(Shape())[: source.BODY]  # arms out, as the scans have them
     triangles = source.array("triangles")
     index = np.array([source.feature_vertices()[n] for n in made.marks])
     goal = np.array(list(made.marks.values()))

@@ -23,7 +23,7 @@ from vitruvian.body.types import Floats, Ints, Skeleton
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-MIRRORED = 0.6  # a reflection that leaves less than this share of a rotation's residual is meant
+MIRRORED = 0.9  # a reflection that leaves less than this share of a rotation's residual is meant
 EACH = 8  # parameters of a joint: turn 3, shift 3, scale 2
 
 

@@ -43,8 +43,8 @@ FAR, NEAR = 0.05, 0.02  # metres: what is farther is no part of the person; what
 INWARD = 0.7  # share of matches that face inward, above which a scan is inside out
 SAMPLES = 2500
 ROUNDS = 15
-STIFF = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.4)  # of the surface, round by round
-HELD = 1.0
+STIFF = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0, 0.4, 0.2)  # of the surface, round by round
+HELD = 1.5  # of that, how much hands, ears and lids keep through all rounds
 DOUBT = 0.025  # metres by which a landmark misses when it is half believed
 
 

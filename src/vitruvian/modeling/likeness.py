@@ -77,7 +77,7 @@ def bounds() -> tuple[Floats, Floats]:
 
 
 @cache
-def _move(target: str) -> tuple[Floats, Floats]:
+def _move(target: str) -> tuple[Any, Floats]:
     """(40140,) float32 how a target of the data moves the body's points, and (146,3) the joint centres."""
     whole = np.zeros_like(source.points())
     index, offset = source.target(target)

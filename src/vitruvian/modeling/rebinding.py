@@ -56,8 +56,8 @@ def _followers() -> Any:
     groups = [(range(source.EYES.start, half), left), (range(half, source.EYES.stop), right)]
     groups += [(range(s.start, s.stop), lips) for s in (source.TEETH, source.TONGUE)]
     rows, columns, values = [], [], []
-    for some, held in groups:
-        some = np.asarray(some)
+    for part, held in groups:
+        some = np.asarray(part)
         solid[some] = True
         rows.append(np.repeat(some, len(held)))
         columns.append(np.tile(held, len(some)))
@@ -225,11 +225,10 @@ def _apart(plain: Floats, shaped_: Floats, triangles: Ints, rounds: int = 7) -> 
             break
         some = np.zeros(len(plain), bool)
         some[triangles[np.array(fresh)].ravel()] = True
-        for _ in range(3):
-            some |= (near @ some) > 0
-        share[some] *= 0.4
+        some |= (near @ some) > 0
+        share[some] *= 0.5
         soft = share
-        for _ in range(3):
+        for _ in range(2):
             soft = np.minimum(share, (near @ soft) / np.maximum(near.sum(axis=1), 1))
         points = plain + soft[:, None] * (shaped_ - plain)
     return points

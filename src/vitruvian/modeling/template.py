@@ -24,7 +24,14 @@ if TYPE_CHECKING:
     from vitruvian.modeling.shape import Shape
 
 FACE = ("eyelid_joint", "eyeball_joint", "eyebrow_joint", "temporomandibular")
-FOOT = ("talocalcaneo", "cuneonavicular", "tarsometatarsal", "calcaneocuboid", "transversetarsal", "metatarsophal")
+FOOT: tuple[str, ...] = (
+    "talocalcaneo",
+    "cuneonavicular",
+    "tarsometatarsal",
+    "calcaneocuboid",
+    "transversetarsal",
+    "metatarsophal",
+)
 FOOT += ("tarsal_", "subtalar", "midtarsal", "metatarsal")
 PALM = ("midcarpal", "carpometacarpal")
 # How much joint parameters are held back, in units of the square of a landmark that is 1 cm off. Radians, logarithms.
@@ -159,9 +166,9 @@ def body_template(body: Body) -> Template:
         rigid = csr_array((np.ones(len(loose)), (loose, np.zeros(len(loose), int))), shape=weights.shape)
         weights = (weights + rigid).tocsr()
     names: list[str] = []
-    for name in skeleton.names:
-        known = tables.canonical(name)
-        names.append(known if known and known not in names else f"({name})")
+    for joint in skeleton.names:
+        known = tables.canonical(joint)
+        names.append(known if known and known not in names else f"({joint})")
     places = {}
     if len(skeleton.site_names):
         t = skin.triangles.astype(np.int64)
@@ -170,9 +177,9 @@ def body_template(body: Body) -> Template:
         share = barycentric(skin.rest[corners], np.asarray(foot, np.float64))
         far = np.linalg.norm(np.asarray(foot) - skeleton.site_points, axis=1) > 0.03
         for k, site in enumerate(skeleton.site_names):
-            name = feature_name(site)
-            if name and not far[k] and (name not in places or not site.endswith("_tip")):
-                places[name] = (corners[k], share[k])
+            point = feature_name(site)
+            if point and not far[k] and (point not in places or not site.endswith("_tip")):
+                places[point] = (corners[k], share[k])
     hands = _share(weights, tuple(names), ("radiocarpal", *PALM, "metacarpo", "carpal_"))
     return Template(
         tuple(names), skeleton.parents, skeleton.centers, skin.rest, skin.triangles, weights, places,
