@@ -119,7 +119,7 @@ def rested_person(
     plain = at_rest(
         straight.place, bo.skinned(full[: source.BODY], template.weights, scaled)[0], _whole(template), rest
     )[0]
-    fresh = _apart(plain, fresh, template.triangles)
+    fresh = _apart(plain, fresh, template.triangles, template.stiff > 0.3)
     change = fresh - where[: source.BODY]
     where = where + parents_matrix(assembly.keys) @ (_followers() @ change)
     humanoid = figure(sliders, assembly, where, middle, moved_ends, loa=loa, name=name)
@@ -213,8 +213,9 @@ def _whole(template: Template) -> Weights:
     return Weights(rows.indptr, rows.indices, rows.data)
 
 
-def _apart(plain: Floats, shaped_: Floats, triangles: Ints, rounds: int = 7) -> Floats:
-    """The shaped points (v,3) at rest, nearer to the plain ones where they make triangles cross that did not before."""
+def _apart(plain: Floats, shaped_: Floats, triangles: Ints, small: Any, rounds: int = 5) -> Floats:
+    """The shaped points (v,3) at rest, nearer to the plain ones where `small` parts (v,), such as fingers and
+    lids, cross that did not before; arms that rest against a wide trunk are left to the pose."""
     before = {tuple(p) for p in np.sort(crossings(plain, triangles), axis=1).tolist()}
     share, near = np.ones(len(plain)), abs(laplacian(plain, triangles)) > 0
     points = shaped_
@@ -226,7 +227,7 @@ def _apart(plain: Floats, shaped_: Floats, triangles: Ints, rounds: int = 7) -> 
         some = np.zeros(len(plain), bool)
         some[triangles[np.array(fresh)].ravel()] = True
         some |= (near @ some) > 0
-        share[some] *= 0.5
+        share[some & small] *= 0.5
         soft = share
         for _ in range(2):
             soft = np.minimum(share, (near @ soft) / np.maximum(near.sum(axis=1), 1))
