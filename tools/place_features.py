@@ -43,6 +43,7 @@ def shapes_of_the_face(body: np.ndarray, middle: np.ndarray) -> dict[str, int]:
         "l_infraorbitale": most(z, (np.abs(x - eye_x) < 0.006) & (np.abs(y - eye_y + 0.02) < 0.005) & (z > eye_z)),
         "l_tragion": most(z, (mask("ears") > 0.6) & (x > 0) & (np.abs(y - eye_y + 0.016) < 0.008)),
         "crotch": most(-y, middle & (np.abs(y - 0.47 * height) < 0.06) & (np.abs(z) < 0.06)),
+        "navel": most(-z, middle & (z > 0.03) & (np.abs(y - 0.613 * height) < 0.012)),
         "l_thelion": most(z, (x > 0.045) & (x < 0.13) & (y > 0.68 * height) & (y < 0.76 * height)),
     }
     chin = body[out["menton"], 1]

@@ -28,6 +28,7 @@ _WHERE = {
     "idle": "motion.idle",
     "deformer": "deform.deformer",
     "person": "modeling.person",
+    "fit": "modeling.fit",
     "contours": "modeling.contours",
     "transfer": "modeling.transfer",
     "masses": "modeling.mass",
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from vitruvian.modeling.contours import contours as contours
     from vitruvian.modeling.features import add_feature_points as add_feature_points
     from vitruvian.modeling.features import feature_points as feature_points
+    from vitruvian.modeling.fit import fit as fit
     from vitruvian.modeling.mass import masses as masses
     from vitruvian.modeling.mass import whole_body as whole_body
     from vitruvian.modeling.person import person as person

@@ -107,6 +107,20 @@ def humanoid_of(
     where, centers, ends = rested(points, assembly)
     scale = stature_scale(where, stature)
     where, centers, ends = where * scale, centers * scale, {n: p * scale for n, p in ends.items()}
+    return figure(sliders, assembly, where, centers, ends, loa=loa, name=name)
+
+
+def figure(
+    sliders: Sliders,
+    assembly: Assembly,
+    where: Floats,
+    centers: Floats,
+    ends: dict[str, Floats],
+    *,
+    loa: int,
+    name: str,
+) -> Humanoid:
+    """The humanoid of points (n,3), joint centres (146,3) and bone ends at rest."""
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
     mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
@@ -149,7 +163,8 @@ def bare(points: Floats, clearance: float = 0.0) -> Floats:
 
 def clearance(points: Floats, assembly: Assembly) -> float:
     """By how much (m) a dressed person's hips are wider, to its hanging arms, than the body alone."""
-    dressed, alone = (_hips(points, a)[0] for a in (assembly, Assembly(points[: source.BODY], (), [])))
+    centers, ends = anatomy.centers(points), anatomy.ends(points)
+    dressed, alone = (_hips(a, centers, ends) for a in (assembly, Assembly(points[: source.BODY], (), [])))
     return dressed - alone
 
 
@@ -203,13 +218,13 @@ def assemble(
 
 
 @lru_cache(maxsize=16)
-def _parents(keys: tuple[str, ...]) -> csr_matrix:
+def parents_matrix(keys: tuple[str, ...]) -> csr_matrix:
     """(points, 19158): the source points each point of body and parts takes weights and face movements from."""
     return vstack([eye(source.BODY, source.POINTS, format="csr"), *(parents_of(k) for k in keys)]).tocsr()
 
 
 @cache
-def _weight_matrix() -> csr_matrix:
+def weight_matrix() -> csr_matrix:
     """(19158, 146) weights at LOA 4; teeth and eyes ride on their joint, points without weights on the skull."""
     w, names = source.weights(), anatomy.names()
     joint, weight, point = w.joint, w.weight, w.vertex
@@ -237,7 +252,7 @@ def _folding(loa: int) -> csr_matrix:
 def _body_pieces(loa: int) -> Wedges:
     """How the bare body falls into one piece per joint: every triangle follows its joint of greatest weight."""
     triangles = source.array("triangles")
-    weights = (_weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
+    weights = (weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()
     shares = weights.toarray()
     kept = [n for n in anatomy.names() if anatomy.folded(loa)[n] == n]
     shares *= [CLAIMS.get(n[2:], 1.0) for n in kept]
@@ -251,7 +266,7 @@ def _body_pieces(loa: int) -> Wedges:
 @lru_cache(maxsize=16)
 def _weights(keys: tuple[str, ...], loa: int) -> Weights:
     """Weights of body and parts; rows sum to 1."""
-    product = (_parents(keys) @ _weight_matrix() @ _folding(loa)).tocsr()
+    product = (parents_matrix(keys) @ weight_matrix() @ _folding(loa)).tocsr()
     product.sort_indices()
     sums = np.asarray(product.sum(axis=1)).ravel()
     values = product.data / np.repeat(sums, np.diff(product.indptr))
@@ -268,14 +283,14 @@ def _held(keys: tuple[str, ...], loa: int) -> list[tuple[Ints, Floats]]:
     return [(weights.vertex[s], weights.weight[s]) for s in some]
 
 
-def _hips(points: Floats, assembly: Assembly) -> tuple[float, Floats, dict[str, Floats]]:
-    """How far the hips reach from the middle plane (m), joint centres (146,3) and bone ends before the arms are down."""
-    centers, ends = anatomy.centers(points), anatomy.ends(points)
+def _hips(assembly: Assembly, centers: Floats, ends: dict[str, Floats]) -> float:
+    """How far the hips reach from the middle plane (m) before the arms are down."""
     names, parents = anatomy.names(), anatomy.parents()
     # The arms need to know how wide the hips come out; the hips do not need the arms.
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, 0.0, raised=RAISED))
-    index = {n: i for i, n in enumerate(names)}
-    return hip_reach(assembly.points, _weights(assembly.keys, 4), index, centers, matrices), centers, ends
+    return hip_reach(
+        assembly.points, _weights(assembly.keys, 4), {n: i for i, n in enumerate(names)}, centers, matrices
+    )
 
 
 def rested(points: Floats, assembly: Assembly, clearance: float = 0.0) -> tuple[Floats, Floats, dict[str, Floats]]:
@@ -283,18 +298,25 @@ def rested(points: Floats, assembly: Assembly, clearance: float = 0.0) -> tuple[
 
     The arms hang `clearance` (m) further out than the hips of the assembly ask for.
     """
-    width, centers, ends = _hips(points, assembly)
-    width += clearance
+    return resting(assembly, anatomy.centers(points), anatomy.ends(points), clearance)[:3]
+
+
+def resting(
+    assembly: Assembly, centers: Floats, ends: dict[str, Floats], clearance: float = 0.0
+) -> tuple[Floats, Floats, dict[str, Floats], Floats]:
+    """`rested` for centres and bone ends of one's own, and the rigid motions (146,4,4) from the A pose to rest."""
     names, parents = anatomy.names(), anatomy.parents()
     weights = _weights(assembly.keys, 4)
+    width = _hips(assembly, centers, ends) + clearance
     matrices = rest_matrices(parents, centers, rest_turns(names, parents, centers, ends, width + HAND, raised=RAISED))
     where, middle = at_rest(centers, assembly.points, weights, matrices)
     place = {n: i for i, n in enumerate(names)}
     moved_ends = {n: matrices[place[n], :3, :3] @ p + matrices[place[n], :3, 3] for n, p in ends.items()}
-    change, middle_z = _restored(where[: source.BODY], _faces(points)[2])
+    change, middle_z = _restored(where[: source.BODY], _faces(assembly.points)[2])
     where[: source.BODY] += change
     shift = -np.array([0.0, where[:, 1].min(), middle_z])
-    return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}
+    matrices[:, :3, 3] += shift
+    return where + shift, middle + shift, {n: p + shift for n, p in moved_ends.items()}, matrices
 
 
 def _faces(points: Floats) -> tuple[list[Floats], Floats, float]:
@@ -315,7 +337,7 @@ def _fleshy() -> tuple[csr_matrix, Floats]:
     meets = csr_matrix((np.ones(len(t)), (triangles.T.ravel(), t)), (source.BODY, len(triangles)))
     part = part_of(list(anatomy.skeleton(4, np.zeros((len(anatomy.names()), 3))).values()))
     some = [part[n] in ("trunk", "upper arm", "thigh") for n in anatomy.names()]
-    return meets, _weight_matrix()[: source.BODY] @ np.array(some, np.float64)
+    return meets, weight_matrix()[: source.BODY] @ np.array(some, np.float64)
 
 
 def _restored(body: Floats, volume: float) -> tuple[Floats, float]:
@@ -338,7 +360,7 @@ def _face_moves(keys: tuple[str, ...]) -> list[tuple[str, Ints, Floats]]:
     """The 52 face units as name, points and displacements; the names carry the standard's suffix `_action`."""
     units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
     face = np.unique(np.concatenate([index for index, _ in units.values()]))
-    near = _parents(keys)[:, face]
+    near = parents_matrix(keys)[:, face]
     rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
     near = near[rows]
     out = []

@@ -1,0 +1,253 @@
+"""Fits of scans: joint parameters against known poses, people against known truth, and scans that are none."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vitruvian as vt
+from conftest import ROOT
+from vitruvian.body import rotations as rot
+from vitruvian.cli.fitting import read_landmarks
+from vitruvian.modeling import bones as bo
+from vitruvian.modeling import shrink, source
+from vitruvian.modeling.crossings import crossings
+from vitruvian.modeling.fit import fit
+from vitruvian.modeling.shape import Shape
+from vitruvian.modeling.template import person_template
+from vitruvian.stage.clip import Mesh
+
+
+def _cases():
+    name = "benchmarks_fit"
+    if name not in sys.modules:
+        spec = spec_from_file_location(name, ROOT / "benchmarks" / "fit.py")
+        module = module_from_spec(spec)
+        sys.modules[name] = module
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture(scope="module")
+def template():
+    return person_template(Shape())
+
+
+@pytest.fixture(scope="module")
+def made():
+    return _cases().case(0)
+
+
+@pytest.fixture(scope="module")
+def found(made):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fit(made.scan, made.marks)
+
+
+def test_slopes_are_those_of_differences(template) -> None:
+    rng = np.random.default_rng(0)
+    t, count = template, len(template.names)
+    bones = bo.Bones(
+        rng.normal(size=(count, 2)) * 0.1, rng.normal(size=(count, 3)) * 0.2, rng.normal(size=(count, 3)) * 0.01
+    )
+    picked = rng.choice(len(t.points), 30, replace=False)
+    along = rng.normal(size=(30, 3))
+    rows = bo.wanted(t.chosen(picked), t.points, t.weights, along, np.zeros((30, 3)), np.ones(30))
+    frame = bo.posed(t.parents, t.centers, t.axes, bones)
+    slope = bo.jacobian(t.parents, t.centers, t.axes, bones, frame, rows)
+
+    def along_of(step: np.ndarray) -> np.ndarray:
+        moved = bo.posed(t.parents, t.centers, t.axes, bo.changed(bones, step))
+        return (bo.placed(rows, moved, t.centers) * along).sum(axis=1)
+
+    for k in rng.choice(slope.shape[1], 60, replace=False):
+        step = np.zeros(slope.shape[1])
+        step[k] = 1e-6
+        assert np.allclose((along_of(step) - along_of(-step)) / 2e-6, slope[:, k], atol=1e-8)
+
+
+def test_similarity_and_its_mirror_image() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(20, 3)) * [0.3, 0.9, 0.12]
+    turn = rot.to_matrix(rot.from_vector(np.array([0.4, -1.2, 2.0])))
+    scale, found, shift, mirrored = bo.similarity(points, 25.4 * points @ turn.T + [3, 4, 5])
+    assert np.isclose(scale, 25.4) and np.allclose(found, turn) and np.allclose(shift, [3, 4, 5]) and not mirrored
+    assert bo.similarity(points, points * [-1, 1, 1])[3]
+
+
+def test_template_is_found_in_a_known_pose(template) -> None:
+    """Turns up to 40 degrees and limbs of 0.9 to 1.1: the surface and 40 landmarks give joints to 1 mm and 0.5 degrees."""
+    t, rng = template, np.random.default_rng(3)
+    index = {n: i for i, n in enumerate(t.names)}
+    true = bo.Bones.none(len(t.names))
+    limbs = ["shoulder", "elbow", "hip", "knee"]
+    for name in [f"{s}_{part}" for s in "lr" for part in limbs]:
+        true.turn[index[name]] = rng.uniform(-0.4, 0.4, 3)
+        true.scale[index[name]] = np.log(rng.uniform(0.9, 1.1, 2))
+    places = bo.posed(t.parents, t.centers, t.axes, true)
+    points, _ = bo.skinned(t.points, t.weights, places.matrices(t.centers))
+    names = [n for n in _cases().MARKS if n in t.places]
+    where = t.landmarks(names)
+    picked = rng.choice(len(t.points), 1500, replace=False)
+    rows = bo.everywhere(where, t.points, t.weights, where @ points, np.full(len(names), 30.0))
+    normals = shrink.vertex_normals(points, t.triangles)[picked]
+    rows = rows.joined(bo.wanted(t.chosen(picked), t.points, t.weights, normals, points[picked], np.full(1500, 30.0)))
+    bones = bo.settle(t.parents, t.centers, t.axes, bo.Bones.none(len(t.names)), rows, t.knobs, rounds=25)
+    got = bo.posed(t.parents, t.centers, t.axes, bones)
+    large = [index[f"{s}_{part}"] for s in "lr" for part in [*limbs, "radiocarpal", "talocrural"]]
+    assert np.linalg.norm(got.place - places.place, axis=1)[large].max() < 0.001
+    apart = rot.to_vector(rot.from_matrix(got.turn @ places.turn.transpose(0, 2, 1)))
+    assert np.degrees(np.linalg.norm(apart, axis=1)[large].max()) < 0.5
+
+
+def test_offsets_follow_what_is_seen_and_fill_what_is_not() -> None:
+    import igl
+
+    v, t = igl.loop(*igl.loop(np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]), np.array(
+        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])))  # fmt: skip
+    smooth = shrink.laplacian(v, np.asarray(t, np.int32))
+    seen = (v[:, 2] < 0.4).astype(float)
+    target = np.tile([0.1, 0.0, 0.0], (len(v), 1))
+    u = shrink.offsets(smooth, seen, target * seen[:, None], np.full(len(v), 0.5))
+    assert np.allclose(u, target, atol=1e-6)  # a shift bends nothing, so the hole is filled with it
+
+
+def test_folds_are_halved_away() -> None:
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(36)], axis=1)
+    a = np.array([6 * r + c for r in range(5) for c in range(5)])
+    t = np.concatenate([np.stack([a, a + 1, a + 7], 1), np.stack([a, a + 7, a + 6], 1)]).astype(np.int32)
+    step = np.zeros((36, 3))
+    step[14] = [1.6, 0, 0]
+    assert shrink.folds(points, points + step, t).any()
+    after, left = shrink.unfolded(points, step, t, shrink.laplacian(points, t))
+    assert left == 0 and after[14, 0] > points[14, 0]
+
+
+def test_crossings_of_two_triangles() -> None:
+    flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [0.9, 0.9, 1.0]])
+    t = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    assert len(crossings(flat, t)) == 1
+    assert len(crossings(flat + np.repeat([[0, 0, 0], [0, 0, 3.0]], 3, axis=0), t)) == 0
+
+
+def test_person_of_known_truth(made, found) -> None:
+    near = found.report["scan_to_fit"]
+    assert near["mean"] <= 1.0 and near["p95"] <= 3.3
+    body = vt.pack(found.humanoid)
+    matrices = vt.joint_matrices(body.skeleton, found.pose)[0]
+    points = vt.deformer("log", body)(matrices)[: source.BODY]
+    assert np.linalg.norm(points - made.points, axis=1).mean() < 0.005
+    truth = np.array([made.centers[n] for n in body.skeleton.names])
+    got = np.array([found.report["joints"][n] for n in body.skeleton.names])
+    off = np.linalg.norm(got - truth, axis=1)
+    assert np.quantile(off, 0.9) < 0.010 and off.mean() < 0.004
+    assert found.report["folds"] == 0
+
+
+def test_result_is_a_whole_humanoid_at_rest(found, tmp_path: Path) -> None:
+    h = found.humanoid
+    assert h.loa == 4 and len(h.joints()) == 146 and len(h.displacers()) == 52
+    assert {"eyes", "teeth", "tongue", "hair"} <= {s.name for s in h.skin} and h.skin[0].uv is not None
+    assert np.isclose(h.skin_coord[:, 1].min(), 0, atol=0.02)
+    forearm = h.joint("l_radiocarpal").center - h.joint("l_elbow").center
+    assert forearm[1] / np.linalg.norm(forearm) < -0.99
+    names = {s.name for s in h.all_sites()}
+    assert {"sellion_pt", "l_acromion_pt"} <= names
+    triangles = source.array("triangles")
+    plain = _cases().humanoid_of(found.shape, outfit=None, hair="none").skin_coord[: source.BODY]
+    assert len(crossings(h.skin_coord[: source.BODY], triangles)) <= len(crossings(plain, triangles))
+    vt.save(h, tmp_path / "a.x3d")
+    again = vt.load(tmp_path / "a.x3d")
+    body = vt.pack(again)
+    assert len(vt.walk(body.skeleton)) > 10
+    assert found.displacement.shape == (source.BODY, 3) and np.nanmax(found.distance) < 0.03
+
+
+def test_any_unit_and_axes(made) -> None:
+    """Millimetres, Z up, facing elsewhere, inside out, beside a table: the same person."""
+    turn = rot.to_matrix(rot.from_vector(np.array([1.2, 1.0, -0.7])))
+    place = lambda p: 1000 * (p @ turn.T) + [500, -200, 90]  # noqa: E731
+    v, t = place(made.scan.vertices), made.scan.triangles[:, ::-1]
+    table = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]) * 1200 + [3000, 0, 0]
+    vertices = np.concatenate([v, table])
+    triangles = np.concatenate([t, [[0, 1, 2], [0, 2, 3]] + np.array(len(v))])
+    marks = {n: place(p) for n, p in made.marks.items()}
+    with pytest.warns(vt.VitruvianWarning) as said:
+        found = fit(Mesh(vertices, triangles), marks)
+    text = " ".join(str(w.message) for w in said)
+    assert "in mm" in text and "inside out" in text and "not part of the person" in text
+    assert found.report["unit"] == "mm"
+    off = [np.linalg.norm(found.report["joints"][n] - place(p)) for n, p in made.centers.items()]
+    assert np.median(off) < 5  # mm
+
+
+def test_any_skinned_humanoid_is_a_template(made) -> None:
+    person = vt.person(outfit=None, hair="none", loa=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = fit(made.scan, made.marks, template=person)
+    assert found.shape is None and len(found.humanoid.joints()) == 71
+    assert found.report["scan_to_fit"]["mean"] < 2.5
+    again = vt.pack(found.humanoid)
+    assert len(vt.walk(again.skeleton)) > 10
+
+
+def test_what_is_no_person(made) -> None:
+    few = dict(list(made.marks.items())[:3])
+    swapped = {("r_" if n[:2] == "l_" else "l_" if n[:2] == "r_" else n[:2]) + n[2:]: p for n, p in made.marks.items()}
+    bad = [
+        (few, {}, "at least 8"),
+        (swapped, {}, "mirror"),
+        (made.marks | {"nose": [0, 0, 0]}, {}, "nose"),
+        (made.marks | {"sellion": [0.0, np.nan, 0.0]}, {}, "sellion.*finite"),
+        (made.marks, {"unit": "mm"}, "in mm"),
+        (made.marks, {"unit": "parsec"}, "unit"),
+        ({n: np.array([0.0, 1.0, 0.0]) * k for k, n in enumerate(made.marks)}, {}, "one line"),
+    ]
+    for marks, options, words in bad:
+        with pytest.raises(vt.VitruvianError, match=words):
+            fit(made.scan, marks, **options)
+    with pytest.raises(vt.VitruvianError, match="no triangles"):
+        fit(Mesh(made.scan.vertices, np.zeros((0, 3))), made.marks)
+
+
+def test_landmark_files(tmp_path: Path) -> None:
+    path = tmp_path / "marks.json"
+    path.write_text(json.dumps({"sellion": [1, 2, 3.5]}))
+    assert read_landmarks(path) == {"sellion": [1.0, 2.0, 3.5]}
+    for text, words in (
+        ("[1]", "feature point"),
+        ("{", "JSON"),
+        ('{"a": [1, 2]}', "three"),
+        ('{"a": [1, 2, NaN]}', "finite"),
+    ):
+        path.write_text(text)
+        with pytest.raises(vt.FileError, match=words):
+            read_landmarks(path)
+
+
+def test_batch_goes_on_after_a_failure(made, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from vitruvian.cli import app
+
+    lines = [*(f"v {x} {y} {z}" for x, y, z in made.scan.vertices.tolist())]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in made.scan.triangles.tolist()]
+    (tmp_path / "anna.obj").write_text("\n".join(lines))
+    (tmp_path / "anna.json").write_text(json.dumps({n: p.tolist() for n, p in made.marks.items()}))
+    (tmp_path / "bob.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "bob.json").write_text("{}")
+    args = ["fit", str(tmp_path / "bob.obj"), str(tmp_path / "anna.obj"), "-o", str(tmp_path / "out"), "--json"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = CliRunner().invoke(app, args)
+    assert result.exit_code == 1
+    assert (tmp_path / "out" / "anna.x3d").is_file() and not (tmp_path / "out" / "bob.x3d").exists()
