@@ -6,11 +6,11 @@ a careful hand has set. The template does not know what made them. Run: python b
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass
 
 import numpy as np
+from _rows import main, row
 
 import vitruvian as vt
 from vitruvian.body import rotations as rot
@@ -188,9 +188,9 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
         worst = max(m[name] for m in mine)
         unit = "" if name.startswith("crossings") else ", mm"
         out.append(
-            _row(f"fit {name}, worst of {len(mine)}{unit}", second, None, None, worst, f"<= {goal:g}", worst <= goal)
+            row(f"fit {name}, worst of {len(mine)}{unit}", second, None, None, worst, f"<= {goal:g}", worst <= goal)
         )
-    out.append(_row("fit, seconds of the slowest", max(times), None, None, max(times), "<= 20", max(times) <= 20))
+    out.append(row("fit, seconds of the slowest", max(times), None, None, max(times), "<= 20", max(times) <= 20))
     if quick:
         return out
     theirs, took = peer(cases[0])
@@ -198,7 +198,7 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
     shares += (("correspondence", mine[0]["correspondence"] / theirs["correspondence"], 0.7),)
     for name, share, goal in shares:
         out.append(
-            _row(
+            row(
                 f"fit against nricp_amberg, {name}",
                 times[0],
                 "trimesh nricp",
@@ -211,15 +211,5 @@ def rows(quick: bool = False) -> list[dict[str, object]]:
     return out
 
 
-def _row(
-    name: str, ours: float | None, other: str | None, theirs: float | None, ratio: float, goal: str, holds: bool
-) -> dict[str, object]:
-    return {"name": name, "ours_s": ours, "peer": other, "peer_s": theirs, "ratio": ratio, "goal": goal, "holds": holds}
-
-
 if __name__ == "__main__":
-    for row in rows(quick="--quick" in sys.argv):
-        print(
-            f"{row['name']:<48} {row['ratio']:>10.3g}  {row['goal']:<8} {'holds' if row['holds'] else 'MISSED'}",
-            row["peer_s"],
-        )
+    main(__doc__, rows)

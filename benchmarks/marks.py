@@ -1,6 +1,6 @@
 """Feature points found on scans whose truth is known, and people made to measure: how far off, in how many seconds.
 
-Run: python benchmarks/marks.py [detect] [sizes]
+Run: python benchmarks/marks.py [--quick]
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from _rows import main, row
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
@@ -39,53 +40,57 @@ SIZES = {
 }  # fmt: skip
 
 
-def detect() -> None:
-    """A table of cases: seconds, points found, distances from the truth in mm, and of those said to be sure."""
+def detect(quick: bool) -> list[dict[str, object]]:
+    """Distances from the truth, in mm, of the points found on each case, and of those said to be sure."""
     from scan_maker import CASES, case
     from vitruvian.modeling.landmarks import detect as found
 
-    everything, sure = [], []
+    everything, sure, out, times = [], [], [], []
     found(case("man, A pose"))  # the stand-in is made once
-    print(f"{'scan':52}{'s':>5}{'points':>7}{'mean':>6}{'p90':>6}{'max':>6}{'sure':>6}{'worst sure':>11}")
-    for name in CASES:
+    for name in list(CASES)[: 2 if quick else None]:
         s = case(name)
         start = time.perf_counter()
         points = found(s)
-        seconds = time.perf_counter() - start
+        times.append(time.perf_counter() - start)
         off = np.array([np.linalg.norm(p - s.truth[n]) * s.metres * 1000 for n, (p, _) in points.items()])
         trust = np.array([c for _, c in points.values()]) >= 0.7
         everything.append(off)
         sure.append(off[trust])
-        worst = off[trust].max() if trust.any() else 0.0
-        numbers = f"{off.mean():6.1f}{np.quantile(off, 0.9):6.1f}{off.max():6.0f}{trust.sum():6d}{worst:11.0f}"
-        print(f"{name:52}{seconds:5.1f}{len(off):7d}{numbers}")
-    off, good = np.concatenate(everything), np.concatenate(sure)
-    print(f"all: mean {off.mean():.1f} mm (goal 25), 90th percentile {np.quantile(off, 0.9):.1f} mm (goal 50)")
-    print(f"confidence >= 0.7: {np.mean(good <= 40) * 100:.1f} % within 40 mm (goal 95 %)")
+        title = f"{len(off)} points found on {name}: mean {off.mean():.1f} mm, largest {off.max():.0f}"
+        out.append(row(title, times[-1], None, None, off.mean(), "<= 25", off.mean() <= 25))
+    off, good = np.concatenate(everything), np.mean(np.concatenate(sure) <= 40)
+    second, far = float(np.median(times)), float(np.quantile(off, 0.9))
+    out.append(row("all points found: mean, mm", second, None, None, off.mean(), "<= 25", off.mean() <= 25))
+    out.append(row("all points found: 90th percentile, mm", second, None, None, far, "<= 50", far <= 50))
+    out.append(row("of those sure (0.7), within 40 mm", second, None, None, good, ">= 0.95", good >= 0.95))
+    out.append(row("finding, seconds of the slowest", max(times), None, None, max(times), "<= 5", max(times) <= 5))
+    return out
 
 
-def sizes() -> None:
-    """A table of people made to measure: every wish, what the finished figure measures, and the difference in mm."""
+def sizes(quick: bool) -> list[dict[str, object]]:
+    """How far the finished figure measures from what was asked for, mm."""
     from vitruvian.modeling.measures import measures
     from vitruvian.modeling.person import person
 
-    worst = 0.0
-    for name, (shape, wishes) in SIZES.items():
+    out = []
+    for name, (shape, wishes) in list(SIZES.items())[: 2 if quick else None]:
         start = time.perf_counter()
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             h = person(**shape, measures=wishes)
         seconds = time.perf_counter() - start
         got = measures(h).values
-        print(f"{name} ({seconds:.1f} s, {h.info['weight']} kg)" + "".join(f"; {w.message}" for w in said))
-        for wish, want in wishes.items():
-            off = (got[wish] - want) * 1000
-            worst = max(worst, abs(off))
-            print(f"  {wish:16}{want * 100:7.1f} cm asked{got[wish] * 100:9.2f} cm measured{off:+7.2f} mm")
-    print(f"largest difference {worst:.2f} mm (goal 2)")
+        off = {wish: (got[wish] - want) * 1000 for wish, want in wishes.items()}
+        worst = max(off, key=lambda wish: abs(off[wish]))
+        title = f"{name}, {len(wishes)} measures asked, worst {worst}, mm" + "".join(f"; {w.message}" for w in said)
+        far = abs(off[worst])
+        out.append(row(title, seconds, None, None, far, "<= 2", far <= 2, off_mm=off))
+    return out
+
+
+def rows(quick: bool = False) -> list[dict[str, object]]:
+    return detect(quick) + sizes(quick)
 
 
 if __name__ == "__main__":
-    chosen = sys.argv[1:] or ["detect", "sizes"]
-    for word in chosen:
-        {"detect": detect, "sizes": sizes}[word]()
+    main(__doc__, rows)
