@@ -164,7 +164,7 @@ def _table(reports: Mapping[str, Report]) -> list[str]:
 @app.command(epilog="Example: vitruvian bench skin kinematics")
 def bench(
     names: list[str] | None = typer.Argument(
-        None, help="Which: skin fit hands kinematics files live scenes stage (default: all)."
+        None, help="Which: skin fit hands kinematics files live marks scenes stage (default: all)."
     ),
     quick: bool = typer.Option(False, "--quick", help="Fewer repetitions."),
     as_json: bool = Json,
