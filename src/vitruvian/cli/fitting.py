@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,13 +10,11 @@ import typer
 
 from vitruvian.cli import app
 from vitruvian.cli.output import Json, emit, progress, say
-from vitruvian.errors import FileError, VitruvianError
+from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
     from vitruvian.hanim.humanoid import Humanoid
     from vitruvian.modeling.fit import Fit
-
-MAX_BYTES = 1 << 22  # of a landmarks file
 
 
 @app.command(epilog="Example: vitruvian fit scan.obj --landmarks scan.json -o anna.x3d")
@@ -93,13 +89,14 @@ def _one(
     """Fit one scan, write what is wanted, answer the document and its text."""
     from vitruvian.formats.registry import load, save
     from vitruvian.modeling.fit import fit as fitted
+    from vitruvian.modeling.landmarks import read
     from vitruvian.stage.clip import Mesh
 
     start = time.perf_counter()
     mesh = load(scan)
     if not isinstance(mesh, Mesh):
         mesh = _surface(mesh, scan)
-    places = None if marks is None else read_landmarks(marks)
+    places = None if marks is None else read(marks)
     with progress(f"fit {scan.name}") as update:
         found = fitted(mesh, places, name=scan.stem, progress=update, **options)
     save(found.humanoid, out)
@@ -149,28 +146,3 @@ def _write_pose(found: Fit, out: Path) -> None:
 
     humanoid: Humanoid = found.humanoid
     write(Clip(humanoid, pack(humanoid), found.pose), out)
-
-
-def read_landmarks(path: Path) -> dict[str, list[float]]:
-    """Landmarks of a JSON file: feature point -> three numbers. FileError for anything else."""
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise FileError(path, 0, "expected a landmarks file of at most 4 MB")
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileError(path, 0, f"can't be read ({error.strerror})") from None
-    except json.JSONDecodeError as error:
-        raise FileError(path, error.lineno, f"expected JSON, {error.msg}") from None
-    except (UnicodeDecodeError, RecursionError):
-        raise FileError(path, 0, "expected JSON text") from None
-    if not isinstance(document, dict):
-        raise FileError(path, 0, 'expected {"feature point": [x, y, z], ...}')
-    out = {}
-    for name, place in document.items():
-        good = isinstance(place, list) and len(place) == 3
-        if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) for x in place):
-            raise FileError(path, 0, f"landmark {name!r}: expected three numbers, found {place!r:.60}")
-        if not all(math.isfinite(x) for x in place):
-            raise FileError(path, 0, f"landmark {name!r}: expected finite numbers, found {place!r:.60}")
-        out[name] = [float(x) for x in place]
-    return out

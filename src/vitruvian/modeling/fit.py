@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from typing import Any
 from warnings import catch_warnings, simplefilter
 
@@ -28,6 +27,7 @@ from vitruvian.modeling import bones as bo
 from vitruvian.modeling import shrink
 from vitruvian.modeling.bones import Bones, Rows
 from vitruvian.modeling.features import feature_name
+from vitruvian.modeling.landmarks import detect, still
 from vitruvian.modeling.likeness import Likeness, improved, shape_of, values_of
 from vitruvian.modeling.rebinding import rested_body, rested_person
 from vitruvian.modeling.shape import Shape
@@ -104,7 +104,8 @@ def fit(
     base, values = _template(template)
     where = base.landmarks(list(marks))
     places = np.array(list(marks.values()))
-    scale, turn, shift, mirrored = bo.similarity(where @ base.points, places)
+    firm = still(list(marks))
+    scale, turn, shift, mirrored = bo.similarity((where @ base.points)[firm], places[firm])
     if mirrored:
         raise VitruvianError("landmarks: they are a mirror image of a person; exchange the names with l_ and r_")
     used = _unit(scale, unit, warnings)
@@ -176,10 +177,6 @@ def _landmarks(landmarks: Mapping[Any, ArrayLike] | None, mesh: Surface) -> dict
     """Name or (face, barycentric) -> place, checked; found on the scan when none are given."""
     given: Mapping[Any, ArrayLike]
     if landmarks is None:
-        try:
-            detect = import_module("vitruvian.modeling.landmarks").detect
-        except ModuleNotFoundError:
-            raise VitruvianError("landmarks: none were given; name at least 8 feature points of the scan") from None
         given = {n: p for n, (p, sure) in detect(mesh).items() if sure >= SURE}
     else:
         given = landmarks

@@ -10,24 +10,26 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Floats
 from vitruvian.errors import FileError, VitruvianError, warn
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.modeling.bones import similarity
 from vitruvian.modeling.features import add_feature_points, feature_name, feature_points
 from vitruvian.modeling.scans import Surface
 
 MAX_BYTES = 1 << 20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 _ARM = ("carpal", "humer", "radi", "ulnar", "olecranon", "dactylion", "metacarpal", "acromion", "axilla")
+_FEW = 5  # landmarks off the arms that tell left from right
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
@@ -185,19 +187,18 @@ def _reference() -> dict[str, Floats]:
     return {n: body[v] for n, v in source.feature_vertices().items()}
 
 
+def still(names: Sequence[object]) -> NDArray[np.bool_]:
+    """Which landmarks (n,) keep their places whatever the arms do; all when they are too few to tell a person's place."""
+    out = np.array([not (isinstance(n, str) and any(word in n for word in _ARM)) for n in names], bool)
+    return out if out.sum() >= _FEW else np.ones(len(out), bool)
+
+
 def _mirrored(names: list[str], here: Floats, there: Floats) -> bool:
     """Whether a reflection brings the landmarks much nearer to the model than a rotation does."""
-    still = np.array([not any(word in n for word in _ARM) for n in names])
-    if still.sum() < 5 or not any(n.startswith(("l_", "r_")) for n, s in zip(names, still, strict=True) if s):
+    firm = still(names)
+    if firm.all() or not any(n.startswith(("l_", "r_")) for n, s in zip(names, firm, strict=True) if s):
         return False
-    a, b = (x[still] - x[still].mean(axis=0) for x in (there, here))
-    u, size, vt = np.linalg.svd(a.T @ b)
-    sign = 1.0 if np.linalg.det(u @ vt) >= 0 else -1.0
-    whole = float((a * a).sum() * (b * b).sum())
-    # 1 - R^2 of the two kinds of map; the smallest singular value is what a reflection gains
-    proper = 1 - (size[0] + size[1] + sign * size[2]) ** 2 / whole
-    other = 1 - (size[0] + size[1] - sign * size[2]) ** 2 / whole
-    return bool(other < 0.7 * proper)
+    return similarity(there[firm], here[firm])[3]
 
 
 def detect(mesh: Surface) -> dict[str, tuple[Floats, float]]:
