@@ -89,7 +89,11 @@ class Surface:
         cost = self._cost(u, v)
         order = np.argsort(cost, kind="stable")
         u, v, from_, to, cost = u[order], v[order], from_[order], to[order], cost[order]
-        chosen = self._upright(u, v)
+        chosen = self._upright(u, v, _SHARE)
+        if not len(chosen):
+            chosen = self._upright(u, v, 1.0)
+        if not len(chosen):
+            return 0
         key = np.full(len(self.place), np.inf)
         key[u[chosen]] = np.arange(len(chosen))
         taken = _apart(key, edges.ends)
@@ -135,13 +139,13 @@ class Surface:
         length = ((self.place[u] - self.place[v]) ** 2).sum(axis=1)
         return np.asarray(np.maximum(error, 0) + self.size[u] * (np.maximum(change, 0) + _EVEN * length))
 
-    def _upright(self, u: Whole, v: Whole) -> Whole:
-        """Which collapses, of those sorted by cost: for each of the cheaper points the first that turns no face over."""
+    def _upright(self, u: Whole, v: Whole, share: float) -> Whole:
+        """Which collapses, of those sorted by cost: for each of a share of the points the first that turns no face over."""
         corner = np.argsort(self.faces.ravel(), kind="stable")
         number = np.bincount(self.faces.ravel(), minlength=len(self.place))
         first = np.cumsum(number) - number
         _, best = np.unique(u, return_index=True)
-        limit = np.sort(best)[min(len(best) - 1, max(64, int(_SHARE * len(best))))]
+        limit = np.sort(best)[min(len(best) - 1, max(64, int(share * len(best))))]
         found, left = [np.zeros(0, np.int64)], np.arange(limit + 1)
         while len(left):
             _, where = np.unique(u[left], return_index=True)

@@ -14,16 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, hstack
 
+from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid, Shape
 from vitruvian.modeling.collapse import Surface
+from vitruvian.modeling.flesh_rays import Flesh, everywhere
 from vitruvian.modeling.rows import chosen
 from vitruvian.motion.names import joint_index
 
 _WEIGHTS = 0.03  # metres: how far off the surface counts as much as weights that are all another joint's
 _COLORS = 0.01  # metres, for black beside white
-_LOOKED_AT = {"skullbase": 6.0, "l_radiocarpal": 4.0, "r_radiocarpal": 4.0}  # errors there and below count so much more
+_LOOKED_AT = {"skullbase": 16.0, "l_radiocarpal": 10.0, "r_radiocarpal": 10.0}  # errors there and below count so much more
+_HIDDEN = 0.05  # what errors count where nobody sees them at rest
+_WAYS, _OFF = 20, 1e-4  # directions in which faces look for the open, and metres from them where they begin to
 _SITE = 1e-3  # metres from a feature point on the skin to the point that stays for it
 _LOOSE = 64  # pieces of a surface under so many triangles (strands of hair, lashes) may go whole
 _LOOSE_SHARE = 0.3  # of the points of a level that such pieces may have at most
@@ -79,7 +83,6 @@ def _levels(humanoid: Humanoid, wanted: list[int]) -> list[Level]:
     mesh = _Mesh(humanoid, shapes)
     surface = mesh.surface
     found = [mesh.faces(shapes)]
-    whole = surface.pieces()
     stays = np.ones(len(surface.place), bool)
     for goal in wanted:
         dropped = _thinned(surface, mesh.point_of, goal)
@@ -89,7 +92,6 @@ def _levels(humanoid: Humanoid, wanted: list[int]) -> list[Level]:
         if mesh.count() > goal:
             warn(f"{goal} points: expected a surface that can have so few, found {mesh.count()} that keep its pieces apart")
         found.append(mesh.faces(shapes))
-    del whole
     used = [np.unique(np.concatenate([f for f, _ in level])) for level in found]
     times = np.zeros(len(humanoid.skin_coord), np.int64)
     for some in used:
@@ -127,18 +129,18 @@ class _Mesh:
         self.point_of, self.owner = self.wedge[:, 1], owner
         weights = _weights(humanoid)[used[first]]
         features = csr_array(hstack([weights * _WEIGHTS, csr_array(_colors(shapes, used[first]) * _COLORS)]))
-        joints = humanoid.joints()
-        important = _importance(humanoid, weights)
         faces = self.vertex[triangles]
+        both = np.repeat([s.material.double_sided for s in shapes], [len(s.triangles) for s in shapes])
+        important = _importance(humanoid, weights)[faces].mean(axis=1)
+        important *= np.where(_seen(place, faces, both), 1, _HIDDEN)
         held = np.zeros(len(place), bool)
         held[_sites(humanoid, place)] = True
         held[self.vertex[_sewn(humanoid)]] = True
-        del joints
         self.surface = Surface(
             place,
             faces,
             wedges.reshape(-1, 3),
-            importance=important[faces].mean(axis=1),
+            importance=important,
             features=features,
             held=held,
         )
@@ -208,6 +210,22 @@ def _importance(humanoid: Humanoid, weights: csr_array) -> Floats:
         if name in index:
             more[[number[id(j)] for j in joints[index[name]].walk()]] = factor - 1
     return np.asarray(1 + weights @ more)
+
+
+def _seen(place: Floats, faces: NDArray[np.int64], both: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(t,) which faces have a way out into the open from their outer side, or, with `both`, from one of them."""
+    a, b, c = np.moveaxis(place[faces], 1, 0)
+    outward = unit(np.cross(b - a, c - a))
+    flesh, ways = Flesh(place, faces.astype(np.int32)), everywhere(_WAYS)
+    out = np.zeros(len(faces), bool)
+    for side in (1.0, -1.0):
+        some = np.flatnonzero(~out & (both | (side > 0)))
+        face, way = np.nonzero(side * outward[some] @ ways.T > 0.1)
+        face = some[face]
+        eyes = ((a + b + c) / 3 + side * _OFF * outward)[face]
+        free = np.isinf(flesh.look(eyes, ways[way])[0])
+        out[face[free]] = True
+    return out
 
 
 def _sites(humanoid: Humanoid, place: Floats) -> NDArray[np.int64]:
