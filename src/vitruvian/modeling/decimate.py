@@ -25,7 +25,7 @@ from vitruvian.motion.names import joint_index
 
 _WEIGHTS = 0.03  # metres: how far off the surface counts as much as weights that are all another joint's
 _COLORS = 0.01  # metres, for black beside white
-_LOOKED_AT = {"skullbase": 16.0, "l_radiocarpal": 10.0, "r_radiocarpal": 10.0}  # errors there and below count so much more
+_LOOKED_AT = {"skullbase": 40.0, "l_radiocarpal": 20.0, "r_radiocarpal": 20.0}  # errors there and below count so much more
 _HIDDEN = 0.05  # what errors count where nobody sees them at rest
 _WAYS, _OFF = 20, 1e-4  # directions in which faces look for the open, and metres from them where they begin to
 _SITE = 1e-3  # metres from a feature point on the skin to the point that stays for it
