@@ -41,7 +41,7 @@ def options(
     """Build, deform and animate virtual humans that comply with H-Anim (ISO/IEC 19774)."""
 
 
-from vitruvian.cli import contouring, demo, files, people, quality, showing  # noqa: E402, F401  (they register their commands)
+from vitruvian.cli import contouring, demo, files, people, quality, showing, surfaces  # noqa: E402, F401  (they register their commands)
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:

@@ -332,8 +332,10 @@ def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoi
     close = np.zeros(len(cuts), bool)
     if near_part is not None:
         close = (near_part.query(out.skin_coord[cuts])[0] < _REACH).all(axis=1)
-    left = _unpaired(np.concatenate([cuts[close], theirs]))
-    triangles = _filled(out.skin_coord, left, count)
+    if not close.any() or not len(theirs):
+        gap = float(near_part.query(out.skin_coord[ends])[0].min()) if near_part is not None else np.inf
+        raise VitruvianError(f"join: expected a part within {_REACH} m of a cut of the body, found {gap:.3f} m; move it there")
+    triangles = _filled(out.skin_coord, _unpaired(cuts[close], theirs), _unpaired(theirs, cuts[close]))
     if len(triangles):
         model = next((s for s in base.skin if s.points is None and np.isin(s.triangles, cuts).any()), moving[0])
         look = replace(model.material, picture=None, node=None) if model.material.picture is not None else model.material
@@ -365,22 +367,23 @@ def _seam(triangles: Ints, look: Material, shapes: list[Shape], count: int) -> S
     return Shape("seam", triangles, colors=colors, material=look)
 
 
-def _unpaired(edges: Whole) -> Whole:
-    """Directed edges without their opposite."""
-    have = set(map(tuple, edges.tolist()))
+def _unpaired(edges: Whole, others: Whole) -> Whole:
+    """Directed edges whose opposite is neither among them nor among others."""
+    have = set(map(tuple, np.concatenate([edges, others]).tolist()))
     return np.array([e for e in edges.tolist() if (e[1], e[0]) not in have], np.int64).reshape(-1, 2)
 
 
-def _filled(points: Floats, edges: Whole, count: int) -> Ints:
-    """(t,3) triangles that close the loops of open edges: polygons by themselves, loops of one side with the nearest of the
-    other; points from `count` on are the other side's."""
+def _filled(points: Floats, mine: Whole, theirs: Whole) -> Ints:
+    """(t,3) triangles that close the loops of open edges of two sides: polygons of both by themselves, loops of one side with
+    the nearest of the other."""
     ahead: dict[int, list[tuple[int, bool]]] = {}
-    for one, two in edges.tolist():  # a face that closes an edge goes the other way
-        ahead.setdefault(two, []).append((one, one >= count or two >= count))
-    loops: list[list[int]] = []
+    for edges, far in ((mine, False), (theirs, True)):
+        for one, two in edges.tolist():  # a face that closes an edge goes the other way
+            ahead.setdefault(two, []).append((one, far))
+    loops: list[tuple[list[int], set[bool]]] = []
     while ahead:
-        loop, side = [next(iter(ahead))], False
-        while loop and loop[-1] in ahead:
+        loop, sides_of, side = [next(iter(ahead))], [False], False
+        while loop[-1] in ahead:
             ways = ahead[loop[-1]]
             best = next((k for k, (_, far) in enumerate(ways) if far != side), 0)  # where sides meet, back on the other
             at, side = ways.pop(best)
@@ -388,15 +391,15 @@ def _filled(points: Floats, edges: Whole, count: int) -> Ints:
                 del ahead[loop[-1]]
             if at in loop:
                 first = loop.index(at)
-                loops.append(loop[first:])
-                loop = loop[: first + 1]
+                loops.append((loop[first:], {*sides_of[first + 1 :], side}))
+                loop, sides_of = loop[: first + 1], sides_of[: first + 1]
             else:
                 loop.append(at)
+                sides_of.append(side)
     sides: tuple[list[list[int]], list[list[int]]] = ([], [])
     out: list[list[int]] = []
-    for loop in loops:
-        kinds = {v >= count for v in loop}
-        if len(kinds) == 2 or len(loop) < 3:
+    for loop, kinds in loops:
+        if len(kinds) == 2:
             out += _ears(points, loop)
         else:
             sides[kinds.pop()].append(loop)
