@@ -56,6 +56,10 @@ class Surface:
         """(C,10) sums of squared distances to the planes of faces, by their areas, and of borders and seams; (C,) areas."""
         a, b, c = np.moveaxis(self.place[self.faces], 1, 0)
         normal = np.cross(b - a, c - a)
+        self.outward = np.zeros_like(self.place)  # of vertices, as the full surface has it
+        for k in range(3):
+            np.add.at(self.outward, self.faces[:, k], normal)
+        self.outward /= np.maximum(np.linalg.norm(self.outward, axis=1, keepdims=True), np.finfo(float).tiny)
         length = np.linalg.norm(normal, axis=1)
         normal /= np.where(length > 0, length, 1)[:, None]
         area = length / 2 * importance
@@ -158,7 +162,8 @@ class Surface:
             goal = v[tried][row]
             stays = (p != goal) & (q != goal)
             row, p, q, goal = row[stays], p[stays], q[stays], goal[stays]
-            bad = _spoiled(self.place[u[tried][row]], self.place[goal], self.place[p], self.place[q])
+            outward = self.outward[goal] + self.outward[p] + self.outward[q]
+            bad = _spoiled(self.place[u[tried][row]], self.place[goal], self.place[p], self.place[q], outward)
             fails = np.bincount(row[bad], minlength=len(tried)) > 0
             found.append(tried[~fails])
             done = np.zeros(len(self.place), bool)
@@ -226,14 +231,15 @@ def _at(quadric: Floats, point: Floats) -> Floats:
     return np.asarray((quadric * twice * one[:, _UPPER[0]] * one[:, _UPPER[1]]).sum(axis=1))
 
 
-def _spoiled(old: Floats, new: Floats, p: Floats, q: Floats) -> Flags:
-    """(N,) whether faces (old, p, q) turn too far, or get too thin, as (new, p, q)."""
+def _spoiled(old: Floats, new: Floats, p: Floats, q: Floats, outward: Floats) -> Flags:
+    """(N,) whether faces (old, p, q) turn too far, or away from `outward`, or get too thin, as (new, p, q)."""
     before, after = np.cross(p - old, q - old), np.cross(p - new, q - new)
     a, b = np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1)
     turned = (before * after).sum(axis=1) < _TURN * a * b
     side = lambda o: np.maximum(np.maximum(((p - o) ** 2).sum(1), ((q - o) ** 2).sum(1)), ((p - q) ** 2).sum(1))  # noqa: E731
     tiny = np.finfo(float).tiny
     flat, flat_before = b / np.maximum(side(new), tiny), a / np.maximum(side(old), tiny)
+    turned |= ((after * outward).sum(axis=1) < 0) & ((before * outward).sum(axis=1) > 0)
     return (turned & (a > 0)) | (b <= 0) | ((flat < _THIN) & (flat < flat_before))
 
 

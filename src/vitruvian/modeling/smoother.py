@@ -41,6 +41,7 @@ def smoother(humanoid: Humanoid, *, level: int | None = 1, tolerance: float | No
     places, first, vertex = np.unique(humanoid.skin_coord + 0.0, axis=0, return_index=True, return_inverse=True)
     vertex = vertex.reshape(-1)
     net = _Net(shapes, vertex, len(places))
+    _check(net, vertex, first, shapes)
     depth = None if level is None else level - (not net.plain)
     if depth is not None and len(net.quads) * 4.0**depth > _MOST:
         raise VitruvianError(f"level {level}: expected at most {_MOST} faces, found {len(net.quads) * 4**depth}")
@@ -101,6 +102,19 @@ class _Net:
             quads = np.stack([a, mids, center, np.roll(mids, 1, axis=1)], axis=2)
             out.append(quads.reshape(-1, 4, corner.shape[1]))
         return np.concatenate(out)
+
+
+def _check(net: _Net, vertex: Whole, first: Whole, shapes: list[Shape]) -> None:
+    """VitruvianError for an edge of more than two faces, by points of the skin."""
+    flat = np.concatenate([vertex[s.triangles] for s in shapes]).ravel()
+    sides = [np.stack([flat[x], np.roll(flat[x], -1, axis=1)], axis=-1).reshape(-1, 2) for x in net.loops]
+    edges, many = np.unique(np.sort(np.concatenate(sides), axis=1), axis=0, return_counts=True)
+    if (many > 2).any():
+        worst = int(np.argmax(many))
+        a, b = first[edges[worst]].tolist()
+        raise VitruvianError(
+            f"skin: expected edges of one or two faces, found {many[worst]} at points {a} and {b}; take double faces away"
+        )
 
 
 def _polygons(shapes: list[Shape], triangles: Whole) -> tuple[Whole, Whole]:
