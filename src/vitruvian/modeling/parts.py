@@ -31,6 +31,7 @@ PARTS = {
 }  # joints by H-Anim 2.0 names
 BODY = "body"  # what is left
 _SAME = 1e-6  # metres between points of a cut that are one
+_LOOSE = 64  # triangles of a piece that is not cut
 _REACH = 0.05  # metres from a cut within which open edges of another part belong to it
 
 
@@ -66,6 +67,7 @@ def split(humanoid: Humanoid, parts: Sequence[str] = tuple(PARTS)) -> dict[str, 
     names = [BODY, *roots]
     label = np.array([names.index(part_of.get(j.name, BODY)) for j in joints])[owner]
     place = np.unique(humanoid.skin_coord + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
+    _gathered(label, place[triangles])
     shut = _open(place[triangles], len(place))
     first = np.cumsum([0, *(len(humanoid.skin[n].triangles) for n in moving)])
     taken = np.zeros(len(humanoid.skin_coord), bool)
@@ -112,6 +114,21 @@ def join(pieces: Mapping[str, Piece | Humanoid]) -> Humanoid:
         if name not in own:
             joined, cuts = _with(joined, cuts, piece)
     return joined.settled()
+
+
+def _gathered(label: Whole, triangles: Whole) -> None:
+    """Give loose pieces (strands of hair) whole to the part that has most of each."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.concatenate([triangles[:, :2], triangles[:, 1:]])
+    count = int(triangles.max()) + 1
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    votes = np.zeros((int(piece.max()) + 1, int(label.max()) + 1), np.int64)
+    np.add.at(votes, (piece, label), 1)
+    loose = (votes.sum(axis=1) < _LOOSE)[piece]
+    label[loose] = votes.argmax(axis=1)[piece[loose]]
 
 
 def _root(humanoid: Humanoid, name: str) -> str:

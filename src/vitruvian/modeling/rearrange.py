@@ -43,7 +43,7 @@ def quads_first(faces: Sequence[Sequence[int]]) -> tuple[Ints, int, Ints]:
     cut = 0
     for number, corners in enumerate(faces):
         face = [int(c) for c in corners]
-        while len(face) > 3 and face[-1] == face[-2]:
+        while len(face) > 1 and face[-1] == face[-2]:
             face.pop()
         require(len(face) >= 3, f"face {number}", "three or more corners", face)
         if len(face) == 4:
