@@ -52,7 +52,9 @@ def sphere(rings=24, each=32, **more):
     uv = [(x / each, (r + 1) / rings) for r in range(rings - 1) for x in range(each + 1)] + [(0.5, 0), (0.5, 1)]
     at = lambda r, x: (r * each + x % each, r * (each + 1) + x)  # noqa: E731
     for x in range(each):
-        for three in [((top, len(uv) - 2), at(0, x + 1), at(0, x))] + [((bottom, len(uv) - 1), at(rings - 2, x), at(rings - 2, x + 1))]:
+        for three in [((top, len(uv) - 2), at(0, x + 1), at(0, x))] + [
+            ((bottom, len(uv) - 1), at(rings - 2, x), at(rings - 2, x + 1))
+        ]:
             faces.append([p for p, _ in three])
             corners.append([c for _, c in three])
         for r in range(rings - 2):
@@ -63,9 +65,12 @@ def sphere(rings=24, each=32, **more):
     faces, corners = np.array(faces, np.int32), np.array(corners, np.int32)
     upper = points[faces].mean(axis=1)[:, 1] > 0.2
     looks = [
-        Shape(name, faces[some], uv=np.array(uv), uv_triangles=corners[some]) for name, some in (("a", upper), ("b", ~upper))
+        Shape(name, faces[some], uv=np.array(uv), uv_triangles=corners[some])
+        for name, some in (("a", upper), ("b", ~upper))
     ]
-    root = Joint("humanoid_root", skin_coord_index=np.arange(len(points), dtype=np.int32), skin_coord_weight=np.ones(len(points)))
+    root = Joint(
+        "humanoid_root", skin_coord_index=np.arange(len(points), dtype=np.int32), skin_coord_weight=np.ones(len(points))
+    )
     return Humanoid("ball", skeleton=[root], skin=looks, skin_coord=points, **more)
 
 
@@ -75,7 +80,9 @@ def test_a_level_has_the_first_points_of_the_finer_one_to_the_bit(made):
         assert WANTED[n - 1] - 60 <= level.points == len(level.humanoid.skin_coord) <= WANTED[n - 1]
         finer = made[n - 1].humanoid
         assert np.array_equal(level.humanoid.skin_coord, finer.skin_coord[: level.points])
-        assert np.array_equal(rows_of(joints[n], level.points), rows_of(joints[n - 1], len(finer.skin_coord))[: level.points])
+        assert np.array_equal(
+            rows_of(joints[n], level.points), rows_of(joints[n - 1], len(finer.skin_coord))[: level.points]
+        )
         fine = {d.name: d for d in finer.displacers()}
         for d in level.humanoid.displacers():
             kept = fine[d.name].coord_index < level.points
@@ -143,7 +150,9 @@ def test_a_ball_stays_closed_round_and_mapped(goal):
     vertices, faces = len(np.unique(edges)), len(edges) // 3
     assert vertices - len(edges) // 2 + faces == 2  # Euler: still a sphere
     corner = h.skin_coord[np.concatenate([s.triangles for s in h.skin])]
-    outward = np.einsum("tc,tc->t", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), corner.mean(axis=1))
+    outward = np.einsum(
+        "tc,tc->t", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), corner.mean(axis=1)
+    )
     assert outward.min() > 0
     volume = np.linalg.det(corner).sum() / 6
     whole = ball.skin_coord[np.concatenate([s.triangles for s in ball.skin])]
@@ -163,7 +172,9 @@ def test_points_of_sites_and_displacers_stay():
     ball = sphere()
     here = ball.skin_coord[[100, 333]]
     ball.skeleton[0].sites = [Site(f"p{n}_pt", center=p) for n, p in enumerate(here)]
-    ball.skeleton[0].displacers = [Displacer("all", np.arange(len(ball.skin_coord), dtype=np.int32), ball.skin_coord * 2)]
+    ball.skeleton[0].displacers = [
+        Displacer("all", np.arange(len(ball.skin_coord), dtype=np.int32), ball.skin_coord * 2)
+    ]
     h = vt.decimate(ball, 60)
     assert all((h.skin_coord == p).all(axis=1).any() for p in here)
     (moved,) = h.displacers()
@@ -176,7 +187,9 @@ def test_copies_of_points_at_hard_edges_go_together():
     ball = sphere()
     count = len(ball.skin_coord)
     other = replace(ball.skin[1], triangles=ball.skin[1].triangles + np.int32(count))
-    root = Joint("humanoid_root", skin_coord_index=np.arange(2 * count, dtype=np.int32), skin_coord_weight=np.ones(2 * count))
+    root = Joint(
+        "humanoid_root", skin_coord_index=np.arange(2 * count, dtype=np.int32), skin_coord_weight=np.ones(2 * count)
+    )
     two = replace(ball, skin=[ball.skin[0], other], skin_coord=np.tile(ball.skin_coord, (2, 1)), skeleton=[root])
     h = vt.decimate(two, 90)
     assert len(h.skin_coord) <= 90
@@ -245,7 +258,16 @@ def test_the_command_writes_levels(tmp_path):
     from vitruvian.cli import app
 
     vt.save(sphere(), tmp_path / "ball.x3d")
-    args = ["decimate", str(tmp_path / "ball.x3d"), "--vertices", "300", "--vertices", "100", "-o", str(tmp_path / "o.x3d")]
+    args = [
+        "decimate",
+        str(tmp_path / "ball.x3d"),
+        "--vertices",
+        "300",
+        "--vertices",
+        "100",
+        "-o",
+        str(tmp_path / "o.x3d"),
+    ]
     run = CliRunner().invoke(app, [*args, "--json"])
     assert run.exit_code == 0, run.output
     found = json.loads(run.stdout)["levels"]

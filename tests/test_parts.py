@@ -87,7 +87,11 @@ def mixed():
         alone = rng.random(len(order)) < 0.3
         numbers = np.where(np.repeat(alone, 2), 1000 + np.arange(len(rows)), numbers).astype(np.int32)
         ball.skin[n] = replace(
-            s, triangles=s.triangles[rows], uv_triangles=s.uv_triangles[rows], faces=numbers, colors=rng.random((count, 3))
+            s,
+            triangles=s.triangles[rows],
+            uv_triangles=s.uv_triangles[rows],
+            faces=numbers,
+            colors=rng.random((count, 3)),
         )
     some = rng.permutation(count)[:100].astype(np.int32)
     ball.skeleton[0].displacers = [Displacer("bump", some, rng.normal(size=(100, 3)))]
@@ -200,7 +204,9 @@ def cube():
     triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3).astype(np.int32)
     shape = Shape("cube", triangles, faces=np.repeat(np.arange(6), 2).astype(np.int32), colors=np.clip(points, 0, 1))
     top = Joint("vl5", skin_coord_index=np.arange(4, 8, dtype=np.int32), skin_coord_weight=np.ones(4))
-    root = Joint("humanoid_root", joints=[top], skin_coord_index=np.arange(4, dtype=np.int32), skin_coord_weight=np.ones(4))
+    root = Joint(
+        "humanoid_root", joints=[top], skin_coord_index=np.arange(4, dtype=np.int32), skin_coord_weight=np.ones(4)
+    )
     top.displacers = [Displacer("shift", np.arange(8, dtype=np.int32), np.tile([0.0, 1, 2], (8, 1)))]
     return Humanoid("cube", skeleton=[root], skin=[shape], skin_coord=points)
 
@@ -263,5 +269,7 @@ def test_the_commands_write_what_they_say(tmp_path, coarse):
     assert list(found["parts"]) == ["body", "head", "r_hand"]
     run("join", tmp_path / "anna.x3d", "--part", f"r_hand={tmp_path / 'p-r_hand.x3d'}", "-o", tmp_path / "joined.x3d")
     assert open_edges(vt.load(tmp_path / "joined.x3d")) == open_edges(vt.load(tmp_path / "anna.x3d"))
-    failed = CliRunner().invoke(app, ["join", str(tmp_path / "anna.x3d"), "--part", "head", "-o", str(tmp_path / "x.x3d")])
+    failed = CliRunner().invoke(
+        app, ["join", str(tmp_path / "anna.x3d"), "--part", "head", "-o", str(tmp_path / "x.x3d")]
+    )
     assert isinstance(failed.exception, VitruvianError) and "PART=FILE" in str(failed.exception)

@@ -68,9 +68,9 @@ if TYPE_CHECKING:
     from vitruvian.hanim.segmenting import segment as segment
     from vitruvian.hanim.welding import weld as weld
     from vitruvian.modeling.contours import contours as contours
+    from vitruvian.modeling.decimate import decimate as decimate
     from vitruvian.modeling.features import add_feature_points as add_feature_points
     from vitruvian.modeling.features import feature_points as feature_points
-    from vitruvian.modeling.decimate import decimate as decimate
     from vitruvian.modeling.mass import masses as masses
     from vitruvian.modeling.mass import whole_body as whole_body
     from vitruvian.modeling.parts import join as join

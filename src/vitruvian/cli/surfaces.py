@@ -83,7 +83,12 @@ def subdivide(
     made = smoother(body, level=1 if levels is None and tolerance is None else levels, tolerance=tolerance)
     lost = _save(made, out)
     triangles = sum(len(s.triangles) for s in made.skin)
-    document = {"points": len(made.skin_coord), "triangles": triangles, "seconds": time.perf_counter() - start, "lost": lost}
+    document = {
+        "points": len(made.skin_coord),
+        "triangles": triangles,
+        "seconds": time.perf_counter() - start,
+        "lost": lost,
+    }
     text = f"wrote {out}: {count(len(made.skin_coord), 'point')}, {count(triangles, 'triangle')}"
     emit(document, "\n".join([text, *(f"lost: {line}" for line in lost)]), as_json)
 
@@ -102,11 +107,13 @@ def rearrange(
 
     made = arrange(subject(source, repair=repair), points=not faces_only)
     lost = _save(made.humanoid, out)
-    shapes = [
+    shapes: list[dict[str, Any]] = [
         {"shape": s.name, "quads": q, "triangles": len(s.triangles) - 2 * q}
         for s, q in zip(made.humanoid.skin, made.quads, strict=True)
     ]
-    lines = [f"{s['shape'] or 'skin'}: {count(s['quads'], 'quad')}, {count(s['triangles'], 'triangle')}" for s in shapes]
+    lines = [
+        f"{s['shape'] or 'skin'}: {count(s['quads'], 'quad')}, {count(s['triangles'], 'triangle')}" for s in shapes
+    ]
     document = {"shapes": shapes, "vertex_perm": made.vertex_perm, "lost": lost}
     emit(document, "\n".join([f"wrote {out}", *lines, *(f"lost: {line}" for line in lost)]), as_json)
 
@@ -163,6 +170,10 @@ def join(
         pieces[name] = other[name] if len(other[name].rim) else other[name].humanoid
     made = together(pieces)
     lost = _save(made, out)
-    document = {"points": len(made.skin_coord), "triangles": sum(len(s.triangles) for s in made.skin), "lost": lost}
+    document: dict[str, Any] = {
+        "points": len(made.skin_coord),
+        "triangles": sum(len(s.triangles) for s in made.skin),
+        "lost": lost,
+    }
     text = f"wrote {out}: {count(document['points'], 'point')}, {count(document['triangles'], 'triangle')}"
     emit(document, "\n".join([text, *(f"lost: {line}" for line in lost)]), as_json)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from vitruvian.body.types import Floats, Ints
+from vitruvian.body.types import Floats
 
 Whole = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -31,8 +31,8 @@ class Surface:
     faces (T,3): vertices of each face. wedges (T,3): what a face has at each corner (point, look, texture coordinate), by
     numbers below `wedge_count`; a wedge belongs to one vertex. A collapse takes every wedge of the vertex that goes to one
     of the other's across the faces between them, or is not made: seams stay seams and looks keep their borders.
-    source (T,): numbers that come with the faces. importance (T,): factors of their errors. features (C,K): what else should
-    not change (weights, colours), scaled to metres. held (C,): vertices that stay.
+    source (T,): which of the given faces each was. importance (T,): factors of their errors. features (C,K): what
+    else should not change (weights, colours), scaled to metres. held (C,): vertices that stay.
     """
 
     def __init__(
@@ -69,7 +69,9 @@ class Surface:
             np.add.at(quadrics, self.faces[:, k], flat / 3)
             np.add.at(size, self.faces[:, k], area / 3)
         edges = Edges(self.faces, self.wedges, len(self.place))
-        some = np.flatnonzero((edges.count == 1) | (edges.lows[:, 0] != edges.lows[:, 1]) | (edges.highs[:, 0] != edges.highs[:, 1]))
+        some = np.flatnonzero(
+            (edges.count == 1) | (edges.lows[:, 0] != edges.lows[:, 1]) | (edges.highs[:, 0] != edges.highs[:, 1])
+        )
         low, high = edges.ends[some].T
         along = self.place[high] - self.place[low]
         for side in (0, 1):
@@ -139,7 +141,11 @@ class Surface:
     def _cost(self, u: Whole, v: Whole) -> Floats:
         """(N,) errors of collapses, by area."""
         error = _at(self.quadrics[u] + self.quadrics[v], self.place[v])
-        change = self.norms[u] + self.norms[v] - 2 * np.asarray(self.features[u].multiply(self.features[v]).sum(axis=1)).ravel()
+        change = (
+            self.norms[u]
+            + self.norms[v]
+            - 2 * np.asarray(self.features[u].multiply(self.features[v]).sum(axis=1)).ravel()
+        )
         length = ((self.place[u] - self.place[v]) ** 2).sum(axis=1)
         return np.asarray(np.maximum(error, 0) + self.size[u] * (np.maximum(change, 0) + _EVEN * length))
 

@@ -25,8 +25,12 @@ from vitruvian.motion.names import joint_index
 
 _WEIGHTS = 0.03  # metres: how far off the surface counts as much as weights that are all another joint's
 _COLORS = 0.01  # metres, for black beside white
-_LOOKED_AT = {"skullbase": 40.0, "l_radiocarpal": 20.0, "r_radiocarpal": 20.0}  # errors there and below count so much more
-_HIDDEN = 0.05  # what errors count where nobody sees them at rest
+_LOOKED_AT = {
+    "skullbase": 40.0,
+    "l_radiocarpal": 20.0,
+    "r_radiocarpal": 20.0,
+}  # errors there and below count so much more
+_HIDDEN = 0.01  # what errors count where nobody sees them at rest
 _WAYS, _OFF = 20, 1e-4  # directions in which faces look for the open, and metres from them where they begin to
 _SITE = 1e-3  # metres from a feature point on the skin to the point that stays for it
 _LOOSE = 64  # pieces of a surface under so many triangles (strands of hair, lashes) may go whole
@@ -65,7 +69,9 @@ def levels(humanoid: Humanoid, points: Sequence[int]) -> list[Level]:
     (6300, 1900, 800): level k has the first n_k points of level k - 1. See `decimate`."""
     wanted = list(points)
     if not wanted or min(wanted) < _LEAST or any(b >= a for a, b in zip(wanted, wanted[1:])):
-        raise VitruvianError(f"levels of detail: expected falling numbers of points, the last {_LEAST} or more, found {wanted}")
+        raise VitruvianError(
+            f"levels of detail: expected falling numbers of points, the last {_LEAST} or more, found {wanted}"
+        )
     segmented = not any(s.points is None and len(s.triangles) for s in humanoid.skin)
     if segmented:
         from vitruvian.hanim.segmenting import segment
@@ -73,7 +79,9 @@ def levels(humanoid: Humanoid, points: Sequence[int]) -> list[Level]:
 
         skinned = weld(humanoid)
         if not any(s.points is None and len(s.triangles) for s in skinned.skin):
-            raise VitruvianError(f"humanoid {humanoid.name!r}: expected a skin or Segments with surfaces, found neither")
+            raise VitruvianError(
+                f"humanoid {humanoid.name!r}: expected a skin or Segments with surfaces, found neither"
+            )
         return [replace(level, humanoid=segment(level.humanoid)) for level in _levels(skinned, wanted)]
     return _levels(humanoid, wanted)
 
@@ -90,7 +98,9 @@ def _levels(humanoid: Humanoid, wanted: list[int]) -> list[Level]:
         while (left := mesh.count() - goal) > 0 and surface.collapsed(left):
             pass
         if mesh.count() > goal:
-            warn(f"{goal} points: expected a surface that can have so few, found {mesh.count()} that keep its pieces apart")
+            warn(
+                f"{goal} points: expected a surface that can have so few, found {mesh.count()} that keep its pieces apart"
+            )
         found.append(mesh.faces(shapes))
     used = [np.unique(np.concatenate([f for f, _ in level])) for level in found]
     times = np.zeros(len(humanoid.skin_coord), np.int64)
@@ -101,8 +111,15 @@ def _levels(humanoid: Humanoid, wanted: list[int]) -> list[Level]:
     names = [d.name for d in humanoid.displacers()]
     for some, level in zip(used, found, strict=True):
         skin = [_with(s, f, uv) for s, (f, uv) in zip(shapes, level, strict=True)]
-        gone = [f"shape {s.name}: too small for this level" for s, t in zip(shapes, skin, strict=True) if len(s.triangles) > len(t.triangles) == 0]
-        body = replace(humanoid.copied(), skin=[*(s for s in skin if len(s.triangles)), *(s for s in humanoid.skin if s.points is not None)])
+        gone = [
+            f"shape {s.name}: too small for this level"
+            for s, t in zip(shapes, skin, strict=True)
+            if len(s.triangles) > len(t.triangles) == 0
+        ]
+        body = replace(
+            humanoid.copied(),
+            skin=[*(s for s in skin if len(s.triangles)), *(s for s in humanoid.skin if s.points is not None)],
+        )
         made = chosen(body, order[: len(some)].astype(np.int32)).settled()
         here = {d.name for d in made.displacers()}
         gone += [f"displacer {n}: none of its points is left" for n in names if n not in here]
@@ -263,7 +280,9 @@ def _thinned(surface: Surface, point_of: Ints, goal: int) -> NDArray[np.int64]:
     return lost
 
 
-def _error(points: Floats, mesh: _Mesh, stays: NDArray[np.bool_], used: Ints, faces: Ints) -> tuple[float, float, float]:
+def _error(
+    points: Floats, mesh: _Mesh, stays: NDArray[np.bool_], used: Ints, faces: Ints
+) -> tuple[float, float, float]:
     import igl
 
     some = used[stays[mesh.vertex[used]]]

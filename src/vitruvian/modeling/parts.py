@@ -37,8 +37,8 @@ _REACH = 0.05  # metres from a cut within which open edges of another part belon
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a figure. `rows` (n,): which of the figure's skin points its own are. `shapes`: which of its skin shapes, and
-    `triangles`: which of their triangles. `rim` (e,2): edges that the cut laid open, of its own points."""
+    """A part of a figure. `rows` (n,): which of the figure's skin points its own are.
+    `shapes`: which of its skin shapes, and `triangles`: which of their triangles. `rim` (e,2): edges that the cut laid open, of its own points."""
 
     humanoid: Humanoid
     origin: Humanoid
@@ -138,7 +138,9 @@ def _root(humanoid: Humanoid, name: str) -> str:
         if joint.name == wanted or tables.canonical(joint.name) == known:
             return joint.name
     what = f"has no joint {wanted}" if name in PARTS or tables.canonical(name) else "has no joint of that name"
-    raise VitruvianError(f"part {name}: expected one of {', '.join(PARTS)} or a joint; {humanoid.name or 'the figure'} {what}")
+    raise VitruvianError(
+        f"part {name}: expected one of {', '.join(PARTS)} or a joint; {humanoid.name or 'the figure'} {what}"
+    )
 
 
 def _some(shape: Shape, triangles: Ints) -> Shape:
@@ -201,10 +203,10 @@ def _own(body: Piece, pieces: list[Piece]) -> Humanoid:
     tracks = []
     for n, track in enumerate(body.humanoid.tracks):
         if not track.target and track.field == "point" and track.values.shape[-1] == 3 * len(body.rows):
-            values = np.zeros((len(track.values), count, 3))
+            keys = np.zeros((len(track.values), count, 3))
             for piece in pieces:
-                values[:, piece.rows] = piece.humanoid.tracks[n].values.reshape(len(values), -1, 3)
-            track = replace(track, values=values.reshape(len(values), -1))
+                keys[:, piece.rows] = piece.humanoid.tracks[n].values.reshape(len(keys), -1, 3)
+            track = replace(track, values=keys.reshape(len(keys), -1))
         tracks.append(track)
     out.tracks = tracks
     return out
@@ -269,7 +271,9 @@ def _influences(out: Humanoid, sources: list[tuple[Humanoid, Ints]]) -> None:
     out.skin_displacers = [_one(parts) for parts in _ranked(moves[""], sources, "")]
 
 
-def _ranked(moves: dict[str, list[Displacer]], sources: list[tuple[Humanoid, Ints]], joint: str) -> list[list[Displacer]]:
+def _ranked(
+    moves: dict[str, list[Displacer]], sources: list[tuple[Humanoid, Ints]], joint: str
+) -> list[list[Displacer]]:
     """Displacers in the order of the pieces that have most of them."""
     lists = []
     for figure, _ in sources:
@@ -340,8 +344,15 @@ def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoi
         per_point = s.uv is not None and s.uv_triangles is None
         colors = None if s.colors is None else _scattered([(rows[: len(s.colors)], s.colors)], total, 0.8)
         out.skin.append(
-            replace(s, triangles=rows[s.triangles], uv_triangles=s.triangles if per_point else s.uv_triangles, colors=colors,
-                    normals=None, normal_triangles=None, node=None)  # fmt: skip
+            replace(
+                s,
+                triangles=rows[s.triangles],
+                uv_triangles=s.triangles if per_point else s.uv_triangles,
+                colors=colors,
+                normals=None,
+                normal_triangles=None,
+                node=None,
+            )  # fmt: skip
         )
     _influences(out, [(base, np.arange(count, dtype=np.int32)), (figure, rows)])
     theirs = rows[rim].astype(np.int64)
@@ -351,11 +362,15 @@ def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoi
         close = (near_part.query(out.skin_coord[cuts])[0] < _REACH).all(axis=1)
     if not close.any() or not len(theirs):
         gap = float(near_part.query(out.skin_coord[ends])[0].min()) if near_part is not None else np.inf
-        raise VitruvianError(f"join: expected a part within {_REACH} m of a cut of the body, found {gap:.3f} m; move it there")
+        raise VitruvianError(
+            f"join: expected a part within {_REACH} m of a cut of the body, found {gap:.3f} m; move it there"
+        )
     triangles = _filled(out.skin_coord, _unpaired(cuts[close], theirs), _unpaired(theirs, cuts[close]))
     if len(triangles):
         model = next((s for s in base.skin if s.points is None and np.isin(s.triangles, cuts).any()), moving[0])
-        look = replace(model.material, picture=None, node=None) if model.material.picture is not None else model.material
+        look = (
+            replace(model.material, picture=None, node=None) if model.material.picture is not None else model.material
+        )
         out.skin.append(_seam(triangles, look, [s for s in out.skin if s.points is None], total))
     return out, cuts[~close]
 
@@ -364,7 +379,10 @@ def _longer(shape: Shape, count: int) -> Shape:
     """A shape of the skin after points were added."""
     if shape.points is not None:
         return shape
-    pad = lambda a, fill: None if a is None else np.concatenate([a, np.full((max(0, count - len(a)), a.shape[1]), fill)])  # noqa: E731
+
+    def pad(a: Floats | None, fill: float) -> Floats | None:
+        return None if a is None else np.concatenate([a, np.full((max(0, count - len(a)), a.shape[1]), fill)])
+
     return replace(
         shape,
         colors=pad(shape.colors, 0.8),
@@ -424,7 +442,7 @@ def _filled(points: Floats, mine: Whole, theirs: Whole) -> Ints:
         if not sides[0]:
             break
         middle = points[other].mean(axis=0)
-        mate = min(sides[0], key=lambda l: float(np.linalg.norm(points[l].mean(axis=0) - middle)))
+        mate = min(sides[0], key=lambda x: float(np.linalg.norm(points[x].mean(axis=0) - middle)))
         sides[0].remove(mate)
         out += _zipped(points, mate, other)
     return np.array(out, np.int32).reshape(-1, 3)
@@ -446,10 +464,10 @@ def _ears(points: Floats, loop: list[int]) -> list[list[int]]:
 def _zipped(points: Floats, one: list[int], two: list[int]) -> list[list[int]]:
     """Triangles between two loops that go round in opposite ways."""
     apart = np.linalg.norm(points[one][:, None] - points[two][None], axis=2)
-    i, j = np.unravel_index(int(np.argmin(apart)), apart.shape)
+    i, j = (int(k) for k in np.unravel_index(int(np.argmin(apart)), apart.shape))
     one = one[i:] + one[: i + 1]
     back = two[::-1]
-    j = len(two) - 1 - int(j)
+    j = len(two) - 1 - j
     back = back[j:] + back[: j + 1]
     out, a, b = [], 0, 0
     while a < len(one) - 1 or b < len(back) - 1:

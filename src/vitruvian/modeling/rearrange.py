@@ -33,8 +33,8 @@ class Arranged:
 def quads_first(faces: Sequence[Sequence[int]]) -> tuple[Ints, int, Ints]:
     """Faces (F,4), quads before triangles, each kind in its old order; how many quads; (F,) which face each was.
 
-    A triangle repeats its last corner, in the answer and, if they are like that, in `faces`. Faces with more corners are cut
-    into fans of triangles, with one warning. Raises VitruvianError for faces with fewer than three corners.
+    A triangle repeats its last corner, in the answer and, if they are like that, in `faces`. Faces with more corners
+    are cut into fans of triangles, with one warning. Raises VitruvianError for faces with fewer than three corners.
     """
     quads: list[list[int]] = []
     threes: list[list[int]] = []
@@ -70,8 +70,8 @@ def rearrange(humanoid: Humanoid, *, points: bool = True) -> Arranged:
     """A copy whose skin shapes have their quads before their triangles, and whose points are numbered by first use.
 
     Quads are the polygons that a file's triangles were cut from (`Shape.faces`). Without `points` they keep their numbers.
-    Weights, colours, texture coordinates and displacers go with their points, to the bit. Polygons of more than four corners
-    count as triangles, with a warning. Raises VitruvianError for triangles whose points the skin does not have.
+    Weights, colours, texture coordinates and displacers go with their points, to the bit. Polygons of more than four
+    corners count as triangles, with a warning. Raises VitruvianError for triangles whose points the skin does not have.
     """
     skin: list[Shape] = []
     quads: list[int] = []
@@ -105,7 +105,9 @@ def rearrange(humanoid: Humanoid, *, points: bool = True) -> Arranged:
     if points:
         used = [s.triangles for s in skin if s.points is None]
         flat = np.concatenate([np.zeros((0, 3), np.int32), *used])
-        require(not len(flat) or (flat.min() >= 0 and flat.max() < count), "triangles", f"points below {count}", "others")
+        require(
+            not len(flat) or (flat.min() >= 0 and flat.max() < count), "triangles", f"points below {count}", "others"
+        )
         perm = first_use(flat, count)
         out = chosen(out, perm)
     return Arranged(out.settled(), tuple(quads), tuple(perms), perm)

@@ -18,7 +18,7 @@ def chosen(humanoid: Humanoid, rows: Ints) -> Humanoid:
     points of the skin or come twice.
     """
     count = len(humanoid.skin_coord)
-    rows = np.asarray(rows, np.int64)
+    rows = np.asarray(rows, np.int32)
     place = np.full(count, -1, np.int64)
     fits = rows.ndim == 1 and (not len(rows) or (rows.min() >= 0 and rows.max() < count))
     require(bool(fits), "rows", f"numbers of skin points, 0 to {count - 1}", rows.max() if rows.size else rows.shape)

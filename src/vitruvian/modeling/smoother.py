@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from vitruvian.body.types import Floats, Ints, require
+from vitruvian.body.types import Floats, require
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Shape
 from vitruvian.modeling.patches import Refined, patches_of, subdivided
@@ -34,7 +34,9 @@ def smoother(humanoid: Humanoid, *, level: int | None = 1, tolerance: float | No
     require((level is None) != (tolerance is None), "level, tolerance", "one of them", (level, tolerance))
     shapes = [s for s in humanoid.skin if s.points is None and len(s.triangles)]
     if not shapes:
-        raise VitruvianError(f"humanoid {humanoid.name!r}: expected a skin to make smoother, found none; `vt.weld` makes one")
+        raise VitruvianError(
+            f"humanoid {humanoid.name!r}: expected a skin to make smoother, found none; `vt.weld` makes one"
+        )
     require(level is None or level >= 0, "level", "0 or more", level)
     if level == 0:
         return humanoid.copied()
@@ -48,7 +50,9 @@ def smoother(humanoid: Humanoid, *, level: int | None = 1, tolerance: float | No
     patches, control = patches_of(net.matrix @ places, net.quads)
     fine = subdivided(patches, level=depth) if tolerance is None else subdivided(patches, tolerance=tolerance)
     if len(fine.faces) > _MOST:
-        raise VitruvianError(f"flatness: expected at most {_MOST} faces, found {len(fine.faces)}; allow more millimetres")
+        raise VitruvianError(
+            f"flatness: expected at most {_MOST} faces, found {len(fine.faces)}; allow more millimetres"
+        )
     matrix = csr_array(fine.matrix @ control @ net.matrix)
     return _carried(humanoid, shapes, net, fine, matrix, (first, vertex))
 
@@ -165,7 +169,9 @@ def _carried(
         joint.skin_coord_index = np.flatnonzero(new > 1e-6).astype(np.int32)
         joint.skin_coord_weight = new[joint.skin_coord_index]
         joint.displacers = [m for d in joint.displacers if (m := _displaced(d, matrix, first, count)) is not None]
-    out.skin_displacers = [m for d in humanoid.skin_displacers if (m := _displaced(d, matrix, first, count)) is not None]
+    out.skin_displacers = [
+        m for d in humanoid.skin_displacers if (m := _displaced(d, matrix, first, count)) is not None
+    ]
     tracks = []
     for t in humanoid.tracks:
         if not t.target and t.field == "point" and t.values.shape[-1] == 3 * count:
