@@ -30,7 +30,7 @@ _LOOKED_AT = {
     "l_radiocarpal": 20.0,
     "r_radiocarpal": 20.0,
 }  # errors there and below count so much more
-_HIDDEN = 0.01  # what errors count where nobody sees them at rest
+_HIDDEN = 0.05  # what errors count where nobody sees them at rest
 _WAYS, _OFF = 20, 1e-4  # directions in which faces look for the open, and metres from them where they begin to
 _SITE = 1e-3  # metres from a feature point on the skin to the point that stays for it
 _LOOSE = 64  # pieces of a surface under so many triangles (strands of hair, lashes) may go whole

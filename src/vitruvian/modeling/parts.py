@@ -38,7 +38,8 @@ _REACH = 0.05  # metres from a cut within which open edges of another part belon
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A part of a figure. `rows` (n,): which of the figure's skin points its own are.
-    `shapes`: which of its skin shapes, and `triangles`: which of their triangles. `rim` (e,2): edges that the cut laid open, of its own points."""
+    `shapes`: which of its skin shapes; `triangles`: which of their triangles. `rim` (e,2): edges that the cut laid open, of
+    its own points."""
 
     humanoid: Humanoid
     origin: Humanoid
@@ -409,8 +410,8 @@ def _unpaired(edges: Whole, others: Whole) -> Whole:
 
 
 def _filled(points: Floats, mine: Whole, theirs: Whole) -> Ints:
-    """(t,3) triangles that close the loops of open edges of two sides: polygons of both by themselves, loops of one side with
-    the nearest of the other."""
+    """(t,3) triangles that close the loops of open edges of two sides: polygons of both by themselves, loops of one side
+    with the nearest of the other."""
     ahead: dict[int, list[tuple[int, bool]]] = {}
     for edges, far in ((mine, False), (theirs, True)):
         for one, two in edges.tolist():  # a face that closes an edge goes the other way
