@@ -50,7 +50,7 @@ def decimate(
         target = out if len(made) == 1 else out.with_name(f"{out.stem}-{wanted}{out.suffix}")
         lost = [*level.lost, *_save(level.humanoid, target)]
         mean, most, largest = (round(e * 1000, 3) for e in level.error)
-        document["levels"].append({"file": str(target), "points": level.points, "triangles": level.triangles, 
+        document["levels"].append({"file": str(target), "points": level.points, "triangles": level.triangles,
                                    "mean_mm": mean, "p95_mm": most, "max_mm": largest, "lost": lost})  # fmt: skip
         lines.append(
             f"wrote {target}: {count(level.points, 'point')}, {count(level.triangles, 'triangle')}; the full surface is "

@@ -49,9 +49,9 @@ def chosen(humanoid: Humanoid, rows: Ints) -> Humanoid:
 
 def _placed(index: Ints, place: np.ndarray) -> np.ndarray:
     """New numbers of points, -1 for those that are gone and for numbers that no point has."""
-    index = np.asarray(index, np.int64).reshape(-1)
-    inside = (index >= 0) & (index < len(place))
-    return np.where(inside, place[np.where(inside, index, 0)], -1) if len(place) else np.full(len(index), -1)
+    number = np.asarray(index).reshape(-1)
+    inside = (number >= 0) & (number < len(place))
+    return np.where(inside, place[np.where(inside, number, 0)], -1) if len(place) else np.full(len(number), -1)
 
 
 def _shape(shape: Shape, rows: Ints, place: np.ndarray) -> Shape:
