@@ -31,6 +31,10 @@ _WHERE = {
     "fit": "modeling.fit",
     "contours": "modeling.contours",
     "transfer": "modeling.transfer",
+    "decimate": "modeling.decimate",
+    "rearrange": "modeling.rearrange",
+    "split": "modeling.parts",
+    "join": "modeling.parts",
     "masses": "modeling.mass",
     "whole_body": "modeling.mass",
     "feature_points": "modeling.features",
@@ -65,12 +69,16 @@ if TYPE_CHECKING:
     from vitruvian.hanim.segmenting import segment as segment
     from vitruvian.hanim.welding import weld as weld
     from vitruvian.modeling.contours import contours as contours
+    from vitruvian.modeling.decimate import decimate as decimate
     from vitruvian.modeling.features import add_feature_points as add_feature_points
     from vitruvian.modeling.features import feature_points as feature_points
     from vitruvian.modeling.fit import fit as fit
     from vitruvian.modeling.mass import masses as masses
     from vitruvian.modeling.mass import whole_body as whole_body
+    from vitruvian.modeling.parts import join as join
+    from vitruvian.modeling.parts import split as split
     from vitruvian.modeling.person import person as person
+    from vitruvian.modeling.rearrange import rearrange as rearrange
     from vitruvian.modeling.transfer import transfer as transfer
     from vitruvian.motion.gait import walk as walk
     from vitruvian.motion.idle import idle as idle

@@ -41,7 +41,17 @@ def options(
     """Build, deform and animate virtual humans that comply with H-Anim (ISO/IEC 19774)."""
 
 
-from vitruvian.cli import contouring, demo, files, fitting, measuring, people, quality, showing  # noqa: E402, F401  (they register their commands)
+from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
+    contouring,
+    demo,
+    files,
+    fitting,
+    measuring,
+    people,
+    quality,
+    showing,
+    surfaces,
+)
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:

@@ -15,6 +15,14 @@ AROUND = 48  # directions of a section
 _EVERY = 26  # directions that tell inside from outside
 
 
+def everywhere(count: int) -> Floats:
+    """(count,3) directions spread evenly."""
+    k = np.arange(count) + 0.5
+    height, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    flat = np.sqrt(1 - height**2)
+    return np.stack([flat * np.cos(turn), height, flat * np.sin(turn)], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Flesh:
     """A body's surface at rest: points (V,3), triangles (T,3)."""
@@ -76,10 +84,7 @@ class Flesh:
         and (n,3) the nearest points of the surface."""
         import igl
 
-        k = np.arange(_EVERY) + 0.5
-        height, turn = 1 - 2 * k / _EVERY, np.pi * (1 + 5**0.5) * k
-        flat = np.sqrt(1 - height**2)
-        directions = np.stack([flat * np.cos(turn), height, flat * np.sin(turn)], axis=1)
+        directions = everywhere(_EVERY)
         eyes = np.repeat(points, _EVERY, axis=0)
         distance, along = self.look(eyes, np.tile(directions, (len(points), 1)))
         inner = (np.isfinite(distance) & (along > 0)).reshape(len(points), _EVERY).mean(axis=1) > 0.6

@@ -16,7 +16,7 @@ from vitruvian.body.rotations import unit
 from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Humanoid, Joint, Material, Shape
-from vitruvian.modeling.flesh_rays import Flesh
+from vitruvian.modeling.flesh_rays import Flesh, everywhere
 from vitruvian.motion.names import joint_index
 
 _SMALL = 0.12  # an influence below this part of the largest is left to the others
@@ -98,10 +98,7 @@ def _seen_inside(flesh: Flesh, triangles: Ints) -> bool:
     some = triangles[np.unique(np.linspace(0, len(triangles) - 1, _LOOKS).astype(int))]
     a, b, c = np.moveaxis(flesh.points[some], 1, 0)
     inward = unit(np.cross(c - a, b - a))
-    k = np.arange(_WAYS) + 0.5
-    height, turn = 1 - 2 * k / _WAYS, np.pi * (1 + 5**0.5) * k  # directions spread evenly
-    flat = np.sqrt(1 - height * height)
-    ways = np.stack([flat * np.cos(turn), height, flat * np.sin(turn)], axis=1)
+    ways = everywhere(_WAYS)
     face, way = np.nonzero(inward @ ways.T > 0.1)
     eyes = ((a + b + c) / 3 + _OFF * inward)[face]
     return len(face) > 0 and float(np.isinf(flesh.look(eyes, ways[way])[0]).mean()) > _INWARD
