@@ -92,7 +92,9 @@ def rows_of(lines: Iterable[str], body: Body, path: object = "weights") -> Weigh
             try:
                 v, w = int(row[0]), float(row[2])
             except ValueError:
-                raise FileError(path, at, f"expected a whole number and a weight, found {','.join(row)[:60]!r}") from None
+                raise FileError(
+                    path, at, f"expected a whole number and a weight, found {','.join(row)[:60]!r}"
+                ) from None
             if not 0 <= v < count:
                 raise FileError(path, at, f"vertex {v}: the body has 0..{count - 1}")
             if row[1] not in index:
@@ -118,7 +120,13 @@ def _npz(path: Path, body: Body) -> Weights:
         raise
     except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
         raise FileError(path, 0, f"expected npz with row, joint, weight, names ({str(error)[:80]})") from None
-    if row.ndim != 1 or joint.ndim != 1 or names.ndim != 1 or row.dtype.kind not in "iu" or joint.dtype.kind not in "iu":
+    if (
+        row.ndim != 1
+        or joint.ndim != 1
+        or names.ndim != 1
+        or row.dtype.kind not in "iu"
+        or joint.dtype.kind not in "iu"
+    ):
         raise FileError(path, 0, "expected whole numbers in row and joint")
     if weight.dtype.kind != "f" or names.dtype.kind != "U":
         raise FileError(path, 0, "expected numbers in weight and text in names")
@@ -129,7 +137,7 @@ def _npz(path: Path, body: Body) -> Weights:
     if unknown:
         raise FileError(path, 0, f"joint {unknown[0][:60]!r}: the body has none of that name")
     try:
-        if joint.size and not (0 <= int(joint.min()) and int(joint.max()) < len(names)):
+        if joint.size and not (int(joint.min()) >= 0 and int(joint.max()) < len(names)):
             raise VitruvianError(f"joint: expected numbers in 0..{len(names) - 1}")
         own = np.array([body.skeleton.index[n] for n in names.tolist()], np.int32)
         found = Weights(row, own[joint.astype(np.int64)] if joint.size else joint, weight)
@@ -155,7 +163,9 @@ def stored(humanoid: Humanoid, weights: Weights) -> Humanoid:
     fixed = [(w.vertex[w.row[count] :], w.joint[w.row[count] :], w.weight[w.row[count] :]) for w in (now, weights)]
     if not all(np.array_equal(a, b) if k < 2 else len(a) == len(b) and np.allclose(a, b, atol=1e-6)
                for k, (a, b) in enumerate(zip(*fixed, strict=True))):  # fmt: skip
-        raise VitruvianError(f"weights: vertices from {count} on belong to Segments or contours, which follow one joint")
+        raise VitruvianError(
+            f"weights: vertices from {count} on belong to Segments or contours, which follow one joint"
+        )
     end = int(weights.row[count])
     vertex, owner, value = weights.vertex[:end], weights.joint[:end], weights.weight[:end]
     given = {names[j]: (vertex[owner == j], value[owner == j]) for j in np.unique(owner).tolist()}

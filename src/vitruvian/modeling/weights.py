@@ -118,7 +118,9 @@ def flood(body: Body, joint: str, value: float, *, vertices: ArrayLike | None = 
     number, chosen = _joint(body, joint), _chosen(body, vertices)
     some = table(body.skin.weights, len(body.skeleton))[chosen].toarray()
     total = _total(some)
-    return _put(body, chosen, _shared(body, some / total[:, None], number, np.full(len(chosen), value)) * total[:, None])
+    return _put(
+        body, chosen, _shared(body, some / total[:, None], number, np.full(len(chosen), value)) * total[:, None]
+    )
 
 
 def smooth(body: Body, *, vertices: ArrayLike | None = None, rounds: int = 5, amount: float = 0.5) -> Body:
@@ -156,7 +158,9 @@ def mirrored(body: Body, *, side: str = "left", tolerance: float = 0.002) -> Bod
     target = (away < 0) & ~middle
     lost = target & (distance > tolerance)
     if lost.any():
-        warn(f"mirror: {int(lost.sum())} of {int(target.sum())} vertices have no mate within {tolerance:g} m; they stay")
+        warn(
+            f"mirror: {int(lost.sum())} of {int(target.sum())} vertices have no mate within {tolerance:g} m; they stay"
+        )
     rows = table(body.skin.weights, len(names))
     target = np.flatnonzero(target & ~lost)
     body = _put(body, target, _swapped(rows[pair[target]].toarray(), mate))

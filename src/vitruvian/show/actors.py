@@ -233,7 +233,14 @@ def _still(name: str, mesh: Mesh) -> bytes:
     if mesh.colors is not None:
         blocks.append(Block("colors", _bytes(mesh.colors), name))
     part = Part(mesh.name or "object", 0, len(mesh.triangles), double_sided=True)
-    fields: dict[str, Any] = {"actor": name, "joints": [], "parents": [], "sites": [], "displacers": [], "parts": [_part(part)]}
+    fields: dict[str, Any] = {
+        "actor": name,
+        "joints": [],
+        "parents": [],
+        "sites": [],
+        "displacers": [],
+        "parts": [_part(part)],
+    }
     fields["features"] = features()
     return encode("mesh", fields | {"deformer": "", "travel": [0, 0, 0], "frames": 1, "fps": 30.0}, blocks)
 

@@ -26,7 +26,7 @@ NEEDED = tuple(
 
 @cache
 def features() -> list[dict[str, Any]]:
-    """The feature points of H-Anim 2.0 as the page lists them: those that a fit needs, from head to toe, then the others."""
+    """The feature points of H-Anim 2.0 as the page lists them: what a fit needs, then the others."""
     known = tables.feature_points()
     order = [*NEEDED, *(n for n in known if n not in NEEDED)]
     return [{"name": n, "segment": known[n].segment, "needed": n in NEEDED} for n in order]

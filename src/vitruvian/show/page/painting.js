@@ -213,5 +213,5 @@ export class Painting {
   }
 
   /** What scripts may read. */
-  get told() { return this.figure && { on: this.on, changed: this.changed.size, of: (v) => Object.fromEntries([...this.rows.get(v)].map(([j, w]) => [this.figure.joints[j], w])) }; }
+  get told() { return this.figure && { on: this.on, changed: this.changed.size, radius: this.radius, under: ([x, y]) => this.hit(x, y)?.point ?? null, of: (v) => Object.fromEntries([...this.rows.get(v)].map(([j, w]) => [this.figure.joints[j], w])) }; }
 }

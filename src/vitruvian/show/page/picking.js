@@ -238,7 +238,7 @@ export class Picking {
     const { figure, page } = this, shown = Boolean(figure) && this.panel.open, seen = new Set(shown ? this.points.keys() : []);
     for (const [name, { box }] of this.labels) if (!seen.has(name)) { box.remove(); this.labels.delete(name); }
     if (!shown) return;
-    const { camera } = page.studio, p = new THREE.Vector3();
+    const { camera } = page.studio, p = new THREE.Vector3(), [middle] = page.studio.window(page.studio.controls.target.clone().project(camera));
     for (const name of seen) {
       if (!this.labels.has(name)) {
         const box = el("div", "landmark");
@@ -253,6 +253,7 @@ export class Picking {
       label.at = p.z < 1 ? page.studio.window(p) : null;
       box.hidden = !label.at;
       if (label.at) box.style.transform = `translate(${label.at[0].toFixed(1)}px, ${label.at[1].toFixed(1)}px)`;
+      box.classList.toggle("left", (label.at?.[0] ?? 0) < middle - 1);
       box.classList.toggle("behind", label.behind);
       box.classList.toggle("proposed", Boolean(entry.proposed));
       box.classList.toggle("chosen", name === this.selected);
