@@ -152,7 +152,7 @@ def test_the_other_side_is_proposed_by_reflection_onto_the_surface(browser, tmp_
             {"name": "b.json", "mimeType": "application/json", "buffer": b'{"sellion": [1, 2]}'}
         )
         page.wait_for_timeout(200)
-        assert "Expected JSON" in said.text_content() and len(points(page)) == 5
+        assert "Expected JSON" in said.text_content() and len(points(page)) == 6
         assert page.get_by_test_id("points-save").is_hidden()
 
 
