@@ -1,8 +1,8 @@
 """Editing skin weights: paint, flood, smooth, mirror, normalise, prune. Pure functions: a Body in, another Body out.
 
 Points at the same place (copies at seams) always get the same weights. What a vertex has in sum stays what it was,
-except under `normalised`; a vertex without any gets a sum of 1 from the brush. Distances of brushes run along the edges of
-the surface from the points of the triangle that is nearest to the brush, so a brush on one finger does not reach the next.
+except under `normalised`; a vertex without any gets a sum of 1 from the brush. Distances of brushes run over the
+surface, along edges and straight across pairs of triangles, from the triangle that is nearest to the brush, so a brush on one finger does not reach the next.
 `modeling.attaching` makes weights for a mesh that has none; `modeling.weight_files` reads and writes them.
 """
 
@@ -47,9 +47,9 @@ def reweighted(body: Body, weights: Weights) -> Body:
 
 
 def reach(body: Body, center: ArrayLike, radius: float) -> tuple[Ints, Floats]:
-    """Vertices (n,) within `radius` of the surface point nearest to `center` (3,), and their distances (n,) along edges.
+    """Vertices (n,) within `radius` of the surface point nearest to `center` (3,), and their distances (n,) over it.
 
-    Metres, humanoid space at rest. Ways along edges are a little longer than the straightest ones.
+    Metres, humanoid space at rest. Ways go along edges and straight across pairs of triangles, so distances are somewhat too long, on slivers by a third.
     """
     at = floats(center, "center", 3)
     require(np.isfinite(radius) and radius > 0, "radius", "more than 0 metres", radius)
@@ -63,14 +63,20 @@ def reach(body: Body, center: ArrayLike, radius: float) -> tuple[Ints, Floats]:
     near = np.union1d(np.flatnonzero(((places - foot) ** 2).sum(axis=1) <= radius**2), start)
     number = np.full(len(places), -1)
     number[near] = np.arange(len(near))
-    edges = number[_edges(faces)]
-    edges = edges[(edges >= 0).all(axis=1)]
+    some = number[faces]
+    some = some[(some >= 0).all(axis=1)]
+    p = places[near]
+    edges = _edges(some)
+    flat, straight = _across(p, some)
     seed = np.linalg.norm(places[start] - foot, axis=1)
     hub, n = len(near), len(near) + 1  # a point of its own, joined to where the brush stands
-    i = np.concatenate([edges[:, 0], np.full(len(start), hub)])
-    j = np.concatenate([edges[:, 1], number[start]])
-    length = np.concatenate([np.linalg.norm(places[near[edges[:, 0]]] - places[near[edges[:, 1]]], axis=1), seed])
-    ways = csr_array((np.maximum(length, 1e-12), (i, j)), shape=(n, n))
+    i = np.concatenate([edges[:, 0], flat[:, 0], np.full(len(start), hub)])
+    j = np.concatenate([edges[:, 1], flat[:, 1], number[start]])
+    length = np.concatenate([np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1), straight, seed])
+    order = np.lexsort((length, j, i))  # of two ways between the same places, the shorter
+    i, j, length = i[order], j[order], length[order]
+    first = np.r_[True, (i[1:] != i[:-1]) | (j[1:] != j[:-1])]
+    ways = csr_array((np.maximum(length, 1e-12)[first], (i[first], j[first])), shape=(n, n))
     distance = dijkstra(ways, directed=False, indices=hub, limit=radius)[:hub]
     far = np.full(len(places), np.inf)
     far[near] = distance
@@ -306,6 +312,26 @@ def _edges(faces: NDArray) -> NDArray:
     pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     pairs = np.unique(pairs, axis=0)
     return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def _across(places: Floats, faces: NDArray) -> tuple[NDArray, Floats]:
+    """Ways across an edge from corner to corner of the two triangles there, laid flat: (n,2) places and (n,) lengths."""
+    edge = np.concatenate([faces[:, [k, (k + 1) % 3, (k + 2) % 3]] for k in range(3)])
+    edge[:, :2] = np.sort(edge[:, :2], axis=1)
+    _, group, size = np.unique(edge[:, :2], axis=0, return_inverse=True, return_counts=True)
+    two = np.flatnonzero(size[group.reshape(-1)] == 2)
+    two = two[np.argsort(group.reshape(-1)[two], kind="stable")].reshape(-1, 2)
+    a, b = places[edge[two[:, 0], 0]], places[edge[two[:, 0], 1]]
+    length = np.maximum(np.linalg.norm(b - a, axis=1), 1e-30)
+    along = (b - a) / length[:, None]
+    ends = edge[two, 2]
+    away = places[ends] - a[:, None]
+    u = np.einsum("nka,na->nk", away, along)
+    h = np.linalg.norm(away - u[..., None] * along[:, None], axis=2)
+    high = h.sum(axis=1)
+    cut = u[:, 0] + (u[:, 1] - u[:, 0]) * h[:, 0] / np.maximum(high, 1e-30)
+    good = (high > 1e-30) & (cut >= 0) & (cut <= length) & (ends[:, 0] != ends[:, 1])
+    return np.sort(ends[good], axis=1), np.hypot(u[good, 0] - u[good, 1], high[good])
 
 
 def _nearest(places: Floats, faces: NDArray, at: Floats) -> tuple[NDArray, Floats]:

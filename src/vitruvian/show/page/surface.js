@@ -7,7 +7,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const at = (p, i) => [p[3 * i], p[3 * i + 1], p[3 * i + 2]];
 const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 
-/** Places (points at the same place are one) and which of them edges join; ways along edges from any point of it. */
+/** Places (points at the same place are one) and which of them edges join; ways over it from any point of it. */
 export class Surface {
   /** points (V*3) at rest, faces (T*3). */
   constructor(points, faces) {
@@ -19,6 +19,7 @@ export class Surface {
     }
     const next = (this.next = Array.from({ length: V }, () => []));
     for (const id of pairs) { const i = Math.floor(id / V), j = id % V; next[i].push(j); next[j].push(i); }
+    this.flat = this.across(faces);
     const copies = (this.copies = new Map());
     same.forEach((s, v) => { if (s !== v) copies.set(s, [...(copies.get(s) ?? [s]), v]); });
   }
@@ -26,9 +27,29 @@ export class Surface {
   /** Vertices at the place of `s`. */
   at(s) { return this.copies.get(s) ?? [s]; }
 
-  /** Map place -> distance along edges, up to `radius`, from `point` between the vertices `corners`. */
+  /** [[place, length]] of each place: ways across an edge from corner to corner of the two triangles there, laid flat. */
+  across(faces) {
+    const { points, same } = this, V = same.length, sides = new Map(), out = Array.from({ length: V }, () => []);
+    for (let k = 0; k < faces.length; k += 3) for (const [a, b, c] of [[0, 1, 2], [1, 2, 0], [2, 0, 1]]) {
+      const i = same[faces[k + a]], j = same[faces[k + b]], id = Math.min(i, j) * V + Math.max(i, j);
+      sides.set(id, [...(sides.get(id) ?? []), same[faces[k + c]]]);
+    }
+    for (const [id, ends] of sides) {
+      if (ends.length !== 2 || ends[0] === ends[1]) continue;
+      const a = at(points, Math.floor(id / V)), b = at(points, id % V), length = apart(a, b), d = sub(b, a).map((x) => x / (length || 1));
+      const [[u, h], [v, g]] = ends.map((e) => { const w = sub(at(points, e), a), t = dot(w, d); return [t, Math.hypot(...w.map((x, i) => x - t * d[i]))]; });
+      const cut = u + ((v - u) * h) / (h + g || 1);
+      if (!(h + g > 0) || cut < 0 || cut > length) continue;
+      const far = Math.hypot(u - v, h + g);
+      out[ends[0]].push([ends[1], far]);
+      out[ends[1]].push([ends[0], far]);
+    }
+    return out;
+  }
+
+  /** Map place -> distance over the surface, up to `radius`, from `point` between the vertices `corners`. */
   reach(corners, point, radius) {
-    const { points, same, next } = this, far = new Map(), done = new Map(), queue = [];
+    const { points, same, next, flat } = this, far = new Map(), done = new Map(), queue = [];
     const put = (s, d) => {
       if (d > radius || d >= (far.get(s) ?? Infinity)) return;
       far.set(s, d);
@@ -55,6 +76,7 @@ export class Surface {
       if (done.has(s)) continue;
       done.set(s, d);
       for (const n of next[s]) if (!done.has(n)) put(n, d + apart(at(points, s), at(points, n)));
+      for (const [n, far] of flat[s]) if (!done.has(n)) put(n, d + far);
     }
     return done;
   }
