@@ -1,8 +1,8 @@
 """Editing skin weights: paint, flood, smooth, mirror, normalise, prune. Pure functions: a Body in, another Body out.
 
 Points at the same place (copies at seams) always get the same weights. What a vertex has in sum stays what it was,
-except under `normalised`; a vertex without any gets a sum of 1 from the brush. Distances of brushes run over the
-surface, along edges and straight across pairs of triangles, from the triangle that is nearest to the brush, so a brush on one finger does not reach the next.
+except under `normalised`; a vertex without any gets a sum of 1 from the brush. Distances of brushes run over the surface,
+along edges and straight across pairs of triangles, so a brush on one finger does not reach the next.
 `modeling.attaching` makes weights for a mesh that has none; `modeling.weight_files` reads and writes them.
 """
 
@@ -49,7 +49,8 @@ def reweighted(body: Body, weights: Weights) -> Body:
 def reach(body: Body, center: ArrayLike, radius: float) -> tuple[Ints, Floats]:
     """Vertices (n,) within `radius` of the surface point nearest to `center` (3,), and their distances (n,) over it.
 
-    Metres, humanoid space at rest. Ways go along edges and straight across pairs of triangles, so distances are somewhat too long, on slivers by a third.
+    Metres, humanoid space at rest. Ways go along edges and straight across pairs of triangles, so distances are
+    somewhat too long, on slivers by a third.
     """
     at = floats(center, "center", 3)
     require(np.isfinite(radius) and radius > 0, "radius", "more than 0 metres", radius)
@@ -319,8 +320,8 @@ def _across(places: Floats, faces: NDArray) -> tuple[NDArray, Floats]:
     edge = np.concatenate([faces[:, [k, (k + 1) % 3, (k + 2) % 3]] for k in range(3)])
     edge[:, :2] = np.sort(edge[:, :2], axis=1)
     _, group, size = np.unique(edge[:, :2], axis=0, return_inverse=True, return_counts=True)
-    two = np.flatnonzero(size[group.reshape(-1)] == 2)
-    two = two[np.argsort(group.reshape(-1)[two], kind="stable")].reshape(-1, 2)
+    some = np.flatnonzero(size[group.reshape(-1)] == 2)
+    two = some[np.argsort(group.reshape(-1)[some], kind="stable")].reshape(-1, 2)
     a, b = places[edge[two[:, 0], 0]], places[edge[two[:, 0], 1]]
     length = np.maximum(np.linalg.norm(b - a, axis=1), 1e-30)
     along = (b - a) / length[:, None]
