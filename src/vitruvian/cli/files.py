@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
-from vitruvian.cli.output import Bake, Hands, Json, Repair, Tolerance, baked, baking, count, emit, say
+from vitruvian.cli.output import Bake, Hands, Json, Repair, Tolerance, WeightFile, baked, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -203,6 +203,7 @@ def convert(
     clip: str | None = typer.Option(None, help="Which clip of an H-Anim file goes to .bvh, .glb; `info` lists them."),
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
     hands: Path | None = Hands,
+    weights: Path | None = WeightFile,
     bake: bool = Bake,
     tolerance: float = Tolerance,
     repair: bool = Repair,
@@ -226,13 +227,17 @@ def convert(
             raise VitruvianError(f"{option}: expected {' or '.join(choices)}, found {value}")
     if names is not None and registry.extension(source) not in registry.FIGURES:
         raise VitruvianError(f"--names: renames the bones of glTF files, {source} is none")
-    plain = name is None and loa is None and rest is None and skin is None and hands is None
+    plain = name is None and loa is None and rest is None and skin is None and hands is None and weights is None
     several = plain and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
     found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
     options = {} if names is None else {"names": names}
     thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
     off = 0.0
+    if weights is not None:
+        from vitruvian.cli.keeping import with_weights
+
+        with_weights(thing, weights)
     if hands is not None:
         with_hands(thing, hands)
     if loa is not None or rest or skin:

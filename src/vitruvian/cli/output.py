@@ -18,6 +18,7 @@ Out = typer.Option(..., "-o", "--out", help="File to write; its extension says t
 Repair = typer.Option(False, "--repair", help="Drop numbers that can't be meant instead of refusing the file.")
 
 Hands = typer.Option(None, "--hands", help="JSON that the page's Hands panel saved: parameters of knuckles and palms.")
+WeightFile = typer.Option(None, "--weights", help="CSV or npz of skin weights, as the page's Weights panel saves them.")
 
 Bake = typer.Option(
     False,

@@ -46,6 +46,12 @@ def view(
     compare: bool = typer.Option(
         False, "--compare", help="Slice the first figure into contours too, so that the page can compare with them."
     ),
+    landmarks: Path | None = typer.Option(
+        None, help="JSON of feature points on the scan: read when it is there, saved by the page's panel."
+    ),
+    weights: Path | None = typer.Option(
+        None, help="CSV or npz of the first body's skin weights: read when it is there, saved by the page's panel."
+    ),
     as_json: bool = Json,
 ) -> None:
     """Show files in the browser, until Ctrl-C. The page lists what the doctor finds in them, open when there are errors."""
@@ -53,13 +59,14 @@ def view(
     import threading
     from contextlib import suppress
 
+    from vitruvian.cli.keeping import keeping
     from vitruvian.formats import registry
     from vitruvian.show.live import show
 
-    things = [_shown(f) for f in files]
+    things, kept = keeping([_shown(f) for f in files], landmarks, weights)
     scenes = [f for f in files if registry.kind(f) in registry.SCENES]
     findings = [finding for f in scenes for finding in registry.check(f)]
-    window = show(*things, open_browser=not no_open, block=False, findings=findings, compare=compare)
+    window = show(*things, open_browser=not no_open, block=False, findings=findings, compare=compare, keeping=kept)
     assert window is not None
     with window, suppress(KeyboardInterrupt):
         emit({"address": window.url}, f"{window.url}  (Ctrl-C ends it)", as_json)

@@ -21,6 +21,7 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
+from vitruvian.show.keeping import features
 from vitruvian.show.openness import openness, owners, reaches
 from vitruvian.show.programs import program_blocks
 from vitruvian.show.wire import Block, encode
@@ -232,7 +233,15 @@ def _still(name: str, mesh: Mesh) -> bytes:
     if mesh.colors is not None:
         blocks.append(Block("colors", _bytes(mesh.colors), name))
     part = Part(mesh.name or "object", 0, len(mesh.triangles), double_sided=True)
-    fields = {"actor": name, "joints": [], "parents": [], "sites": [], "displacers": [], "parts": [_part(part)]}
+    fields: dict[str, Any] = {
+        "actor": name,
+        "joints": [],
+        "parents": [],
+        "sites": [],
+        "displacers": [],
+        "parts": [_part(part)],
+    }
+    fields["features"] = features()
     return encode("mesh", fields | {"deformer": "", "travel": [0, 0, 0], "frames": 1, "fps": 30.0}, blocks)
 
 

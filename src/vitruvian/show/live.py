@@ -15,6 +15,7 @@ from vitruvian.show.actors import actors_of, actors_on
 from vitruvian.stage.stage import Stage
 
 if TYPE_CHECKING:
+    from vitruvian.show.keeping import Keeping
     from vitruvian.show.server import Server
 
 LONGEST = 600  # characters of one field of a finding
@@ -47,12 +48,14 @@ def show(
     title: str = "",
     port: int = 0,
     compare: bool = False,
+    keeping: Keeping | None = None,
 ) -> Window | None:
     """Show Clips, Humanoids, Bodies and Meshes in the browser, or a Stage of them.
 
     A Stage goes on living: what is sent to it while the page is open is seen there. `findings` (dataclasses or mappings
     with `rule severity where line message fix`, as the H-Anim doctor gives them) fill the page's list. `compare`: the
-    page can compare the first figure with itself in contours. Prints the address. With `block` it returns after an
+    page can compare the first figure with itself in contours. `keeping`: files that the page may save feature points and
+    weights in. Prints the address. With `block` it returns after an
     interrupt (Ctrl-C), else at once with a `Window`. The server listens on the loopback interface only; `port` 0 takes a
     free one. Raises `VitruvianError`.
     """
@@ -60,7 +63,7 @@ def show(
 
     stage = things[0] if len(things) == 1 and isinstance(things[0], Stage) else None
     actors = actors_of(things, compare=compare) if stage is None else actors_on(stage, compare=compare)
-    server = Server(Showing(actors, [finding_fields(f) for f in findings], title, stage), port)
+    server = Server(Showing(actors, [finding_fields(f) for f in findings], title, stage, keeping=keeping), port)
     if block:
         print(f"showing at {server.url}  (Ctrl-C ends it)", flush=True)
         if open_browser:

@@ -17,6 +17,7 @@ from vitruvian.body.rotations import inverse, multiply
 from vitruvian.body.types import Body
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
+from vitruvian.show.keeping import Keeping
 from vitruvian.show.wire import VERSION, Block, encode, quantise, quantise_normals
 from vitruvian.stage.actor import Actor as Player
 from vitruvian.stage.actor import Posed
@@ -37,6 +38,7 @@ class Showing:
         title: str = "",
         stage: Stage | None = None,
         leave: Sequence[str] = PAGE,
+        keeping: Keeping | None = None,
     ):
         self.actors = list(actors)
         self.by_name = {a.name: a for a in self.actors}
@@ -49,6 +51,7 @@ class Showing:
         if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
         self.stage = staged(self.actors, self.fps, self.frames, leave) if stage is None else stage
+        self.keeping = keeping or Keeping()  # what pages may save
         self.change = 0  # counts everything that pages have to be told
         self.hands: dict[str, dict[str, Any]] = {}  # options of "hand" that pages set, of each actor
         self.wake: set[asyncio.Event] = set()
@@ -126,6 +129,12 @@ class Showing:
             stage.seek((round(at) + request["frames"]) % self.frames / self.fps)
         elif kind == "loop":
             stage.send("loop", value=request["value"])
+        elif kind in ("set_landmarks", "set_weights"):
+            found = self.by_name.get(request["actor"])
+            if found is None or (found.body is None) == (kind == "set_weights"):
+                what = "a mesh" if kind == "set_landmarks" else "a body"
+                raise VitruvianError(f"request {kind}: expected {what}, found {request['actor']!r:.60}")
+            self.keeping.apply(request)
         else:
             self._edit(kind, request)
         if kind == "speed" and self.own:
@@ -186,6 +195,7 @@ class Showing:
                 "findings": self.findings[:MAX_FINDINGS],
                 "found": len(self.findings),
                 "deformers": list(deformers),
+                "keeps": self.keeping.told(),
             }
             | self.running(),
         )

@@ -121,7 +121,7 @@ def quantise_normals(normals: NDArray[Any]) -> NDArray[np.int8]:
 
 
 # What the page may ask for: field -> (kind, low, high). Numbers are finite and in range, strings at most `high` long,
-# texts by name at most as many.
+# texts and places by name at most as many.
 REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "hello": {"token": ("text", 0, 64), "version": ("whole", 0, 1000)},
     "ack": {"seq": ("whole", 0, 2**53)},
@@ -137,6 +137,8 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "clear_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200)},
     "clear_pose": {"actor": ("text", 0, 200)},
     "set_hands": {"actor": ("text", 0, 200), "roundings": ("texts", 0, 200), "rounded": ("flag", 0, 1)},
+    "set_landmarks": {"actor": ("text", 0, 200), "points": ("places", 0, 300)},
+    "set_weights": {"actor": ("text", 0, 200), "text": ("text", 0, 40000), "last": ("flag", 0, 1)},
 }
 
 
@@ -165,6 +167,10 @@ def _fits(value: Any, kind: str, low: float, high: float) -> bool:
     if kind == "texts":
         good = isinstance(value, dict) and len(value) <= high
         return good and all(_fits(text, "text", low, high) for pair in value.items() for text in pair)
+    if kind == "places":
+        good = isinstance(value, dict) and len(value) <= high and all(len(name) <= 200 for name in value)
+        lists = good and all(isinstance(p, list) and len(p) == 3 for p in value.values())
+        return lists and all(_fits(x, "number", -1e9, 1e9) for p in value.values() for x in p)
     if kind == "flag":
         return isinstance(value, bool)
     if kind == "whole":

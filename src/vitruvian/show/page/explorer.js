@@ -101,6 +101,7 @@ export class Explorer {
     figure.overlay.color(j);
     this.unmark();
     this.showRanges();
+    page.painting.update();
     if (page.mode === "weights") page.looks();
     page.changed = true;
   }

@@ -20,7 +20,7 @@ export class Figure {
     const get = (name) => blocks[name]?.array;
     Object.assign(this, { name: header.actor, joints: header.joints, parents: header.parents, sites: header.sites });
     Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel });
-    Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [] });
+    Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [], features: header.features });
     this.centers = get("centers") ?? new Float32Array(0);
     this.stiffness = get("stiffness");
     this.limits = get("limits");
@@ -149,7 +149,7 @@ export class Figure {
       follow(this.given, this.kept, this.clip);
       this.displacerWeights.set(blocks.displacers?.array ?? []);
     }
-    this.served = blocks?.vertices ? blocks : null;
+    this.served = blocks?.vertices && !this.reweighted ? blocks : null;
     this.refresh();
   }
 

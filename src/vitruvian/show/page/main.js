@@ -8,6 +8,8 @@ import { History, localRotation, toQuaternion } from "./pose.js";
 import { Explorer } from "./explorer.js";
 import { LiveSource, RecordedSource } from "./source.js";
 import { Overlay, pick } from "./overlays.js";
+import { Painting } from "./painting.js";
+import { Picking, stand } from "./picking.js";
 import { Studio } from "./studio.js";
 import { Tuning } from "./tuning.js";
 import { download, icons, keyList, keys, theme, tooltips } from "./controls.js";
@@ -41,6 +43,8 @@ class Page {
     this.history = new History(() => this.edited());
     this.explorer = new Explorer(this);
     this.tuning = new Tuning(this);
+    this.picking = new Picking(this);
+    this.painting = new Painting(this);
     this.compare = new Compare($("compare-view"), this);
     new ResizeObserver(() => this.compare.on && this.compare.place()).observe($("compare-view"));
     studio.canvas.classList.add("empty");
@@ -63,6 +67,8 @@ class Page {
       }))),
       drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
       hands: read(() => page.tuning.told),
+      landmarks: read(() => page.picking.told),
+      painting: read(() => page.painting.told),
       selected: read(() => page.figure?.joints[page.selected] ?? null),
       level: read(() => (page.figure ? Number($("loa").value) : null)),
       bones: read(() => page.figure?.overlay.shown.map((j) => page.figure.joints[j]) ?? []),
@@ -77,6 +83,7 @@ class Page {
     });
     state.positions = (name) => Array.from((page.figures.get(name) ?? page.figure)?.whole() ?? []);
     state.screen = (joint) => page.screen(joint);
+    state.pixel = (point) => { const f = page.figure; return page.studio.window(new THREE.Vector3(...point).applyMatrix4(f.mesh.matrixWorld).project(page.studio.camera)); };
     state.site = (name) => { const s = page.figure?.sites.findIndex((x) => x.name === name) ?? -1; return s < 0 ? null : page.figure.sitePosition(s).toArray(); };
     Object.defineProperty(window, "vitruvian", { value: Object.freeze(state), writable: false });
   }
@@ -131,6 +138,7 @@ class Page {
     $("deformer").disabled = !figure.isBody;
     this.explorer.present(figure, this.hello);
     this.tuning.show(figure);
+    this.painting.show(figure);
     this.history.done.length = this.history.undone.length = 0;
     this.edited();
   }
@@ -159,6 +167,8 @@ class Page {
 
   arrive() {
     this.arrived = true;
+    if (this.figures.size === 1 && !this.figure.isBody) stand(this.figure);
+    this.picking.show();
     const boxes = [...this.figures.values()].map((f) => f.box());
     const low = [0, 1, 2].map((a) => Math.min(...boxes.map((b) => b[0][a]))), high = [0, 1, 2].map((a) => Math.max(...boxes.map((b) => b[1][a])));
     this.studio.followed = null;
@@ -196,6 +206,7 @@ class Page {
     this.studio.settle(now - (this.stillSince ?? now) > 300);
     if (this.studio.draw(dt, this.changed)) {
       this.explorer.beacon.update(this.studio);
+      this.picking.draw();
       this.drawn.push(now);
       while (this.drawn.length > 60 || now - this.drawn[0] > 3000) this.drawn.shift();
       if (this.header.playing && dt) this.studio.watch(Math.max(performance.now() - began, 1000 * dt));

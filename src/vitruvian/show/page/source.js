@@ -77,6 +77,10 @@ export class LiveSource {
   clear(actor) { this.send({ type: "clear_pose", actor }); }
   /** `roundings`: {joint: words} of those that differ from the body's own; `rounded`: with the second pass. */
   hands(actor, roundings, rounded) { this.send({ type: "set_hands", actor, roundings, rounded }); }
+  /** `points`: {feature point: [x, y, z]} of a scan, to be saved. */
+  landmarks(actor, points) { this.send({ type: "set_landmarks", actor, points }); }
+  /** A piece of the CSV of all weights of a body, to be saved with the last one. */
+  weights(actor, text, last) { this.send({ type: "set_weights", actor, text, last }); }
 }
 
 /** Frames out of a recording, with a clock of its own; between frames poses are mixed in proportion. */
@@ -158,4 +162,6 @@ export class RecordedSource {
   displacer() {}
   clear() {}
   hands() {}
+  landmarks() {}
+  weights() {}
 }
