@@ -11,8 +11,9 @@ import vitruvian as vt
 from capsules import capsule_clip
 from pages import find, opened, pause, wait
 from small_body import tube
-from vitruvian.cli.keeping import keeping, read_points
+from vitruvian.cli.keeping import keeping
 from vitruvian.errors import VitruvianError
+from vitruvian.modeling import landmarks
 from vitruvian.modeling.weight_files import read_weights
 from vitruvian.modeling.weights import MODES, paint, table
 from vitruvian.show.actors import actors_of
@@ -162,7 +163,9 @@ def test_a_file_of_landmarks_is_read_and_saved(tmp_path):
     _, kept = keeping([scan()], path, None)
     showing = Showing(actors_of([scan()]), keeping=kept)
     showing.apply({"type": "set_landmarks", "actor": "scan", "points": {NAVEL: [4, 5, 6]}})
-    assert read_points(path) == {NAVEL: [4, 5, 6]}
+    assert landmarks.read(path)[NAVEL].tolist() == [4, 5, 6] and len(landmarks.read(path)) == 1
+    showing.apply({"type": "set_landmarks", "actor": "scan", "points": {}})
+    assert landmarks.read(path) == {}
     with pytest.raises(VitruvianError, match="--landmarks FILE"):
         Showing(actors_of([scan()])).apply({"type": "set_landmarks", "actor": "scan", "points": {}})
     for actor in ("no", "capsules"):

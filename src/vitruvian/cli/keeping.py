@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +10,6 @@ from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
     from vitruvian.show.keeping import Keeping
-
-MAX_BYTES = 1 << 20
 
 
 def keeping(things: list[Any], landmarks: Path | None, weights: Path | None) -> tuple[list[Any], Keeping]:
@@ -25,8 +21,10 @@ def keeping(things: list[Any], landmarks: Path | None, weights: Path | None) -> 
     if landmarks is not None:
         if not any(isinstance(t, Mesh) for t in things):
             raise VitruvianError("--landmarks: expected a scan (a mesh without joints) among the files, found none")
-        kept.points = read_points(landmarks) if landmarks.exists() else {}
-        kept.landmarks, kept.save_points = landmarks.name, lambda points: save_points(points, landmarks)
+        from vitruvian.modeling.landmarks import read, save
+
+        kept.points = {n: p.tolist() for n, p in read(landmarks).items()} if landmarks.exists() else {}
+        kept.landmarks, kept.save_points = landmarks.name, lambda points: save(points, landmarks)
     if weights is not None:
         from vitruvian.modeling.weight_files import read_weights, rows_of, save_weights
         from vitruvian.modeling.weights import reweighted
@@ -43,30 +41,6 @@ def keeping(things: list[Any], landmarks: Path | None, weights: Path | None) -> 
         kept.weights = weights.name
         kept.save_weights = lambda _, text: save_weights(reweighted(body, rows_of(text.splitlines(), body)), weights)
     return things, kept
-
-
-def read_points(path: Path) -> dict[str, list[float]]:
-    """Feature points out of a JSON file {name: [x, y, z]}."""
-    try:
-        data = path.read_bytes()
-        given = json.loads(data) if len(data) <= MAX_BYTES else None
-    except (OSError, ValueError, RecursionError) as error:
-        raise VitruvianError(f"--landmarks {path}: expected JSON {{name: [x, y, z]}}; {error}") from None
-    if not isinstance(given, dict) or not all(isinstance(p, list) and len(p) == 3 for p in given.values()):
-        raise VitruvianError(f"--landmarks {path}: expected JSON of the form {{name: [x, y, z]}}")
-    for name, place in given.items():
-        if not all(type(x) in (int, float) and math.isfinite(x) for x in place):
-            raise VitruvianError(f"--landmarks {path}: {name[:60]!r}: expected three finite numbers")
-    return given
-
-
-def save_points(points: dict[str, list[float]], path: Path) -> None:
-    """Write feature points as JSON, one a line."""
-    from vitruvian.formats.atomic import atomic
-
-    lines = [f" {json.dumps(n, ensure_ascii=False)}: {json.dumps(p)}" for n, p in points.items()]
-    with atomic(path) as part:
-        part.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
 def with_weights(humanoid: Any, path: Path) -> None:

@@ -68,8 +68,6 @@ def read(path: str | os.PathLike[str]) -> dict[str, Floats]:
             fail(_line(text, key), str(error))
         if out_twice:
             fail(_line(text, key), f"{key[:60]!r}: this feature point is given twice; keep one")
-    if not out:
-        fail(0, "expected at least one feature point, found none")
     return out
 
 
