@@ -175,7 +175,7 @@ def test_a_file_of_landmarks_is_read_and_saved(tmp_path):
             )
     for text in ("[]", "{", '{"a": [1, 2]}', '{"a": [1, 2, NaN]}', '{"a": [1, 2, "3"]}'):
         path.write_text(text)
-        with pytest.raises(VitruvianError, match="--landmarks"):
+        with pytest.raises(VitruvianError, match="marks.json"):
             keeping([scan()], path, None)
     with pytest.raises(VitruvianError, match="expected a scan"):
         keeping([capsule_clip(frames=2)], path, None)

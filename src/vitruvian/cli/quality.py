@@ -29,7 +29,12 @@ def quality(
         help="JSON {joint: [x, y, z, angle]}, a list of such, its file; a motion file; walk or idle "
         "(default: one pose that is hard).",
     ),
-    deformers: str = typer.Option("linear,dual-quaternion,log,volume", "--deformers", metavar="NAMES"),
+    deformers: str = typer.Option(
+        "linear,dual-quaternion,log,volume",
+        "--deformers",
+        metavar="NAMES",
+        help="Of linear, dual-quaternion, log, log-pair, log-absolute, hybrid, volume, contours, hand.",
+    ),
     joints: str | None = typer.Option(
         None, "--joints", metavar="NAMES", help="Measure round these (default: all that turn)."
     ),

@@ -94,7 +94,7 @@ export function theme(button, apply) {
 
 /** Fill the list of keys from the controls themselves. */
 export function keyList(root) {
-  const rows = [...document.querySelectorAll("[data-key]:not([data-key=arrows])")].map((e) => [e.dataset.key, e.dataset.tip]);
+  const rows = [...document.querySelectorAll("[data-key]:not([data-key=arrows]):not([data-key^=Tab])")].map((e) => [e.dataset.key, e.dataset.tip]);
   rows.push(["drag", "Turn the camera"], ["right drag", "Move the camera"], ["wheel", "Come closer, go away"], ["Esc", "Close panels and lists"]);
   root.replaceChildren(...rows.flatMap(([key, text]) => {
     const k = document.createElement("kbd"), t = document.createElement("span");
