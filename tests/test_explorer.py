@@ -430,7 +430,8 @@ def test_every_control_has_a_name_a_tooltip_and_a_key_of_its_own(browser, tmp_pa
     with opened(browser, (tmp_path / "clip.html").as_uri(), (1000, 700)) as page:
         select(page, "l_elbow")
         keys = page.evaluate(
-            "[...document.querySelectorAll('[data-key]:not([data-key=arrows]):not([data-key^=Tab])')].map(e => e.dataset.key)"
+            "[...document.querySelectorAll('[data-key]:not([data-key=arrows]):not([data-key^=Tab])')]"
+            ".map(e => e.dataset.key)"
         )
         assert len(keys) == len(set(keys)) and {"A", "N", "G", "R", "U", "X", ",", ".", "Backspace"} <= set(keys)
         bare = page.evaluate(

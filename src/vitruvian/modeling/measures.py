@@ -1,9 +1,10 @@
 """Measures of any body as a tailor takes them: girths by a tape round a plane section, lengths between feature points.
 
 A tape is the convex hull of the line where a plane meets the body; of several lines it is the one round the axis of the
-limb or trunk. Where each is taken is in `TABLE`, in the manner of ISO 8559-1 (garments, anthropometric definitions) unless it
-says otherwise. Everything depends on feature points alone, so that a scan, a fitted body and the built-in person are
-measured alike; measures whose feature points a body lacks are left out. Both sides are taken, their mean counts.
+limb or trunk. Where each is taken is in `TABLE`, in the manner of ISO 8559-1 (anthropometric definitions for garments)
+unless it says otherwise. Everything depends on feature points alone, so that a scan, a fitted body and the built-in
+person are measured alike; measures whose feature points a body lacks are left out. Both sides are taken, their mean
+counts.
 """
 
 from __future__ import annotations
