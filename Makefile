@@ -27,7 +27,7 @@ demo: $(VENV)/installed.stamp  ## a person walks: opens the page, leaves files i
 	$(BIN)/vitruvian demo
 
 test: $(VENV)/developer.stamp  ## all tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 hunt: $(VENV)/developer.stamp  ## property tests with new random cases
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest $$(grep -l hypothesis tests/test_*.py)

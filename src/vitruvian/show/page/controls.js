@@ -68,6 +68,7 @@ export function keys(table) {
     const arrows = e.key.startsWith("Arrow") || e.key === "Home" || e.key === "End";
     if (arrows && e.target.matches?.("input[type=range], select")) return;
     if (e.key === " " && e.target.matches?.("summary, input[type=checkbox]")) return; // it opens or ticks these
+    if (e.key === "Enter" && e.target.matches?.("summary, button, select, a, input, [tabindex]:not(canvas)")) return; // works these
     let name = e.key === " " ? "Space" : e.key.length === 1 ? e.key.toUpperCase() : e.key;
     if (e.ctrlKey || e.metaKey) name = `Ctrl+${e.shiftKey ? "Shift+" : ""}${name}`;
     else if (e.altKey) return;
