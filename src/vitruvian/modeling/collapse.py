@@ -116,8 +116,8 @@ class Surface:
         border, odd = np.zeros(count, bool), degree > around + 1
         border[ends[number == 1]] = True
         odd[ends[number > 2]] = True
-        used = np.unique(np.stack([self.faces.ravel(), self.wedges.ravel()], axis=1), axis=0)[:, 0]
-        many = np.bincount(used, minlength=count)
+        span = int(self.wedges.max()) + 1
+        many = np.bincount(np.unique(self.faces.ravel() * span + self.wedges.ravel()) // span, minlength=count)
         near = coo_array((np.ones(2 * len(ends)), (ends.ravel(), ends[:, ::-1].ravel())), shape=(count, count)).tocsr()
         both = (near @ near).multiply(near).tocsr()
         shared = np.asarray(both[ends[:, 0], ends[:, 1]]).ravel()
