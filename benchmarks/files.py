@@ -209,7 +209,22 @@ def clip_rows(quick: bool = False) -> list[dict]:
     ours, peer = times[0], times[1] if read_bvh_file else None
     ratio = None if peer is None else peer / ours
     name = f"load BVH, {size:.1f} MB"
-    return [row(name, ours, "pybvh 0.9", peer, ratio, ">= 1", ratio is not None and ratio >= 1), *_usd(quick)]
+    mine = row(name, ours, "pybvh 0.9", peer, ratio, ">= 1", ratio is not None and ratio >= 1)
+    return [mine, *_bvhio(name, quick), *_usd(quick)]
+
+
+def _bvhio(name: str, quick: bool) -> list[dict]:
+    """The same file in bvhio, where it is installed and the folder ../shared is there."""
+    from vitruvian.formats.bvh import read_bvh
+
+    try:
+        import bvhio
+    except ImportError:
+        return []
+    if not CLIP.is_file():
+        return []
+    ours, theirs = medians([lambda: read_bvh(CLIP), lambda: bvhio.readAsBvh(str(CLIP))], 3 if quick else 7)
+    return [_against(name, ours, "bvhio", theirs, 10)]
 
 
 def _usd(quick: bool) -> list[dict]:

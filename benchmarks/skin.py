@@ -146,12 +146,14 @@ def _mesh(vertices: int, goal: float, seconds: float) -> list[dict[str, object]]
     ratio = t["usd-dq"] / t["dual-quaternion"]
     title = f"dual-quaternion, {label}"
     out.append(row(title, t["dual-quaternion"], "UsdSkel", t["usd-dq"], ratio, ">= 3", ratio >= 3))
-    goals = {"log": 1.7, "dual-quaternion": 2.0, "hybrid": 2.0, "log-pair": None, "volume": None}
+    goals = {"log": 1.7, "dual-quaternion": 2.0, "hybrid": None, "log-pair": None, "volume": None}
     for other, limit in goals.items():
         ratio = t[other] / t["linear"]
         goal_text = "(for information)" if limit is None else f"<= {limit:g}"
         title = f"{other}, {label}"
         out.append(row(title, t[other], "linear", t["linear"], ratio, goal_text, limit is None or ratio <= limit))
+    ratio = t["hybrid"] / t["log"]  # all joints turn far: what is left is to find that out
+    out.append(row(f"hybrid, {label}", t["hybrid"], "log", t["log"], ratio, "<= 1.4", ratio <= 1.4))
     if vertices >= 100_000:
         limit = 1.5 if vertices < 1_000_000 else 1.3
         ratio = t["kernel"] / t["touch"]

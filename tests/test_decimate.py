@@ -276,3 +276,36 @@ def test_the_command_writes_levels(tmp_path):
     found = json.loads(run.stdout)["levels"]
     assert [f["points"] for f in found] == [len(vt.load(tmp_path / f"o-{n}.x3d").skin_coord) for n in (300, 100)]
     assert 0 < found[0]["mean_mm"] < found[1]["mean_mm"]
+
+
+@pytest.mark.parametrize("ending", [".x3d", ".x3dv", ".x3dj", ".wrl"])
+def test_a_scene_switches_levels_by_distance(ending, tmp_path):
+    from vitruvian.cli import app
+    from vitruvian.formats import registry
+
+    out = tmp_path / f"ball{ending}"
+    vt.save(sphere(), tmp_path / "whole.x3d")
+    args = ["decimate", str(tmp_path / "whole.x3d"), "--vertices", "300", "--vertices", "100", "--switch"]
+    run = CliRunner().invoke(app, [*args, "-o", str(out), "--json"])
+    assert run.exit_code == 0, run.output
+    told = json.loads(run.stdout)
+    ranges = told["switch"]["ranges_m"]
+    errors = [level["p95_mm"] / 1000 for level in told["levels"]]
+    assert ranges == pytest.approx([e * 1080 / (2 * np.tan(0.785398 / 2)) for e in errors], rel=0.02)
+    (lod,) = [n for n in registry.scene(out).walk() if n.type == "LOD"]
+    inlines = lod.children("level" if ending == ".wrl" else "children")
+    assert [n.type for n in inlines] == ["Inline"] * 3
+    names = [f"ball-full{ending}", f"ball-300{ending}", f"ball-100{ending}"]
+    text = out.read_text()
+    assert [text.index(n) for n in names] == sorted(text.index(n) for n in names)
+    points = [len(np.unique(np.concatenate([s.triangles for s in vt.load(tmp_path / n).skin]))) for n in names]
+    assert points[1:] == [level["points"] for level in told["levels"]] and points[0] > points[1]
+
+
+def test_a_switch_needs_a_scene(tmp_path):
+    from vitruvian.cli import app
+
+    vt.save(sphere(), tmp_path / "whole.x3d")
+    args = ["decimate", str(tmp_path / "whole.x3d"), "--vertices", "300", "--switch", "-o", str(tmp_path / "o.glb")]
+    run = CliRunner().invoke(app, args)
+    assert run.exit_code and "ends in .x3d" in str(run.exception) and not (tmp_path / "o.glb").exists()

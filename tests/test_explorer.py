@@ -431,7 +431,8 @@ def test_every_control_has_a_name_a_tooltip_and_a_key_of_its_own(browser, tmp_pa
         select(page, "l_elbow")
         keys = page.evaluate(
             "[...document.querySelectorAll('[data-key]:not([data-key=arrows]):not([data-key^=Tab])')]"
-            ".map(e => e.dataset.key)"
+            ".filter(e => e.dataset.key !== e.previousElementSibling?.dataset.key)"
+            ".map(e => e.dataset.key)"  # buttons of one group next to each other have one key that goes through them
         )
         assert len(keys) == len(set(keys)) and {"A", "N", "G", "R", "U", "X", ",", ".", "Backspace"} <= set(keys)
         bare = page.evaluate(

@@ -230,7 +230,7 @@ def test_nothing_is_deformed_twice(humanoid, encoding):
 
 
 TANGENTS = """(softs) => softs.map((name) => document.querySelector('x3d-canvas').browser.currentScene
-  .getNamedNode(name + '_faces').tangent?.vector.length)"""
+  .getNamedNode(name).geometry.tangent?.vector.length)"""
 ADDED = """([code, fields, names, steps]) => {
   const given = Object.keys(fields), all = 'initialize();' + steps.map((s) => `add_lod([${s}]);`).join('') + `
     const out = [], count = place.each.length;

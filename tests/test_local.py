@@ -167,7 +167,7 @@ def test_hands_become_displacers_over_the_joint_angle(humanoid, body, tmp_path):
         m = pose(body, {finger.name: [*finger.axis, np.radians(degrees)]})
         want, base = d(m)[0].astype(float), plain(m)[0].astype(float)
         got = composed(body, (*local_operators(plain), *sampled))(m)[0]
-        assert np.abs(got - want).max() < most < 0.1 * np.abs(base - want).max()
+        assert np.abs(got - want).max() < most < 0.15 * np.abs(base - want).max()
         weights = displacer_weights(sampled, body.skeleton, m)
         own = {k: v for k, v in weights.items() if v.any()}
         assert set(own) <= {f"{finger.name}_{a}_action" for a in ("060", "090")} and len(own) in (1, 2)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+import vitruvian as vt
 from vitruvian.body.contours import grid
 from vitruvian.errors import VitruvianError
-from vitruvian.modeling.organising import organise
+from vitruvian.hanim.humanoid import Humanoid, Joint, Segment, Shape
+from vitruvian.modeling.organising import organise, rearranged
 
 
 def tube(count=18, each=25, *, bend=0.0, noise=0.0, seed=1):
@@ -108,3 +110,31 @@ def test_levels_with_several_loops_are_refused_by_level():
     bridge = np.array([[0, 1, 120], [0, 120, 121]])  # joins both tubes at their tops
     with pytest.raises(VitruvianError, match="resample: expected one closed loop at level|open ends"):
         organise(legs, np.concatenate([t, t + 120, bridge]), np.zeros(3), mode="resample", name="pelvis")
+
+
+def test_segments_in_contours_are_written_and_move_as_before(tmp_path):
+    points, triangles = tube(bend=0.2)
+    flat, faces, _ = shuffled(points, triangles)
+    colors = np.random.default_rng(0).uniform(0, 1, flat.shape)
+    uv = flat[:, :2].copy()
+    ball = Shape(triangles=np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]], np.int32), points=np.eye(4)[:, :3])
+    arm = Segment("l_upperarm", shapes=[Shape(triangles=faces.astype(np.int32), points=flat, uv=uv, colors=colors)])
+    elbow = Joint("l_elbow", center=np.array([0, -1.0, 0.2]), segments=[Segment("l_forearm", shapes=[ball])])
+    shoulder = Joint("l_shoulder", center=np.array([0, 0.05, 0.0]), segments=[arm], joints=[elbow])
+    figure = Humanoid("arm", skeleton=[Joint("humanoid_root", joints=[shoulder])])
+    made, reports = rearranged(figure)
+    assert [r.mode for r in reports] == ["reorder", "field"] and reports[0].error == (0.0, 0.0)
+    surface = made.joint("l_shoulder").segments[0].contours[0]
+    assert not made.joint("l_shoulder").segments[0].shapes and made.joint("l_elbow").segments[0].shapes
+    assert surface.points.shape == points.shape and arm.shapes  # the figure itself is as it was
+    same = lambda a, b: np.array_equal(np.unique(a, axis=0), np.unique(b, axis=0))  # noqa: E731
+    whole = np.concatenate([surface.points, surface.uv, surface.colors], axis=-1).reshape(-1, 8)
+    assert same(whole, np.concatenate([flat, uv, colors], axis=1))  # nothing but the order of points changed
+    vt.save(made, tmp_path / "arm.x3d")
+    body = vt.pack(vt.load(tmp_path / "arm.x3d"))
+    m = np.tile(np.eye(4), (3, 1, 1))
+    turn = np.array([[1, 0, 0], [0, 0.0, -1], [0, 1, 0]])
+    m[1:, :3, :3], m[1:, :3, 3] = turn, [0, 0.05, 0] - turn @ [0, 0.05, 0]
+    rows = body.contours[0].vertices
+    moved = vt.deformer("contours", body)(m)[rows]
+    assert np.abs(moved - (surface.points @ turn.T + m[1, :3, 3])).max() < 1e-5

@@ -182,6 +182,29 @@ def test_the_head_of_another_person_is_sewn_on(person):
     assert np.isfinite(vt.deformer("log", body)(vt.joint_matrices(body.skeleton, vt.walk(body.skeleton))[:3])).all()
 
 
+def test_parts_of_somebody_much_larger_are_brought_to_the_cuts(person):
+    large = vt.person(gender=1.0, height=1.9, weight=0.8, hair="none")
+    names = ["head", "l_hand"]
+    parts, other = vt.split(person, names), vt.split(large, names)
+    made = vt.join(parts | {n: other[n] for n in names})
+    edges = sides(made)
+    assert counts(edges).max() == 2 and np.unique(edges, axis=0, return_counts=True)[1].max() == 1
+    width = 0.0
+    for seam in (s for s in made.skin if s.name.startswith("seam")):
+        corner = made.skin_coord[seam.triangles]
+        width = max(width, float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).min(axis=1).max()))
+    assert width < 0.012  # both edges are one line, nearly
+    for root, inner in (("skullbase", "l_eyeball_joint"), ("l_radiocarpal", "l_carpal_distal_interphalangeal_2")):
+        at = [h.joint(inner).center - h.joint(root).center for h in (made, large, person)]
+        assert np.allclose(at[0], at[1]) and not np.allclose(at[0], at[2])
+        assert np.allclose(made.joint(root).center, person.joint(root).center)
+    tip = [next(s for s in h.all_sites() if s.name == "l_carpal_distal_phalanx_2_tip") for h in (made, large)]
+    wrist = [h.joint("l_radiocarpal").center for h in (made, large)]
+    assert np.allclose(*(s.center + s.translation - w for s, w in zip(tip, wrist, strict=True)))
+    before = person.joint("l_eyeball_joint").center.copy()
+    assert np.allclose(vt.split(person, ["head"])["head"].humanoid.joint("l_eyeball_joint").center, before)
+
+
 def test_what_cannot_be_split_or_joined_is_said(person):
     with pytest.raises(VitruvianError, match="part nose: expected one of head, l_hand"):
         vt.split(person, ["nose"])

@@ -12,13 +12,16 @@ import numpy as np
 import pytest
 
 from scene_figure import typed
+from test_decimate import sphere
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.pack import pack
 from vitruvian.formats import registry
+from vitruvian.formats.level_switch import write_switch
 from vitruvian.hanim import tables
 from vitruvian.hanim.build import scene_of
 from vitruvian.hanim.humanoid import Humanoid, MotionData
 from vitruvian.hanim.welding import weld
+from vitruvian.modeling import decimate
 from vitruvian.modeling.levels import at_level
 from vitruvian.modeling.person import person
 from written import KINDS, counts, people
@@ -195,6 +198,45 @@ def test_what_we_write_moves_in_xite(browser: Browser, tmp_path: Path) -> None:
         angles = browser.page.evaluate(PLAY, [path.read_text(), "hanim_l_shoulder"])
         assert len(set(angles)) >= 4, (path.name, angles)
         assert max(map(abs, angles)) > 0.05, (path.name, angles)
+
+
+LEVELS = """async (away) => {
+  await new Promise(resolve => X3D(resolve))
+  const browser = document.querySelector('x3d-canvas').browser
+  await browser.loadURL(new X3D.MFString('http://xite.test/levels/person.x3d'))
+  const lod = browser.currentScene.getNamedNode('Levels'), out = []
+  const view = [...browser.currentScene.rootNodes].find(n => n.getNodeTypeName() === 'Viewpoint')
+  const points = inline => {
+    const stack = [...inline.getValue().getInternalScene().rootNodes], seen = new Set()
+    while (stack.length) {
+      const node = stack.pop()
+      if (!node || seen.has(node)) continue
+      seen.add(node)
+      if (node.getNodeTypeName() === 'HAnimHumanoid') return node.skinCoord.point.length
+      if (node.children) stack.push(...node.children)
+    }
+    return null
+  }
+  for (const z of away) {
+    view.position = new X3D.SFVec3f(0, 1, z)
+    for (let k = 0; k < 20; ++k) await browser.nextFrame()
+    out.push(lod.level_changed)
+  }
+  for (let k = 0; k < 200 && ![...lod.children].every(c => points(c)); ++k) await browser.nextFrame()
+  return {shown: out, points: [...lod.children].map(points)}
+}"""
+
+
+def test_levels_change_as_the_viewer_comes_and_goes(browser: Browser, tmp_path: Path) -> None:
+    files = [tmp_path / f"person-{n}.x3d" for n in ("full", 300, 100)]
+    made = decimate.levels(sphere(), [300, 100])
+    for level, file in zip(made, files, strict=True):
+        registry.save(level.humanoid, file)
+    write_switch(tmp_path / "person.x3d", sphere(), files, [5.0, 10.0])
+    browser.page.route("**/levels/*", lambda route: route.fulfill(path=tmp_path / route.request.url.split("/")[-1]))
+    found = browser.page.evaluate(LEVELS, [3.0, 7.0, 14.0, 3.0])
+    assert found["shown"] == [0, 1, 2, 0]
+    assert found["points"] == [len(registry.load(file).skin_coord) for file in files]
 
 
 def test_the_referee_sees_mistakes(browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

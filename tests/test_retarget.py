@@ -14,7 +14,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.formats.bvh import read_bvh, write_bvh
 from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm, legs, runs, sole_points, standing
 from vitruvian.motion.gait import walk
-from vitruvian.motion.legs import REACH, two_bone
+from vitruvian.motion.legs import REACH, compose, heading, two_bone
 from vitruvian.motion.names import match
 from vitruvian.motion.retarget import retarget
 from vitruvian.motion.turns import local_rotations, positions, twist, world_rotations
@@ -82,9 +82,9 @@ def test_own_walk_on_itself_with_feet():
     out = retarget(motion, figure(3))
     knee = motion.skeleton.index["l_knee"]
     change = degrees(out.rotation[:, knee], motion.rotation[:, knee])
-    assert np.median(change) < 2.5 and np.quantile(change, 0.9) < 8  # a straight knee bends ten degrees for 4 mm
+    assert np.median(change) < 1.5 and np.quantile(change, 0.9) < 4  # a straight knee bends ten degrees for 4 mm
     index, shift = motion.skeleton.index, np.linalg.norm(places(out) - places(motion), axis=-1)
-    assert shift[:, index["vt1"]].max() < 0.01
+    assert shift[:, index["vt1"]].max() < 0.02
     assert max(shift[:, index[f"{side}_talocrural"]].max() for side in "lr") < 0.02
 
 
@@ -163,7 +163,7 @@ def test_longer_and_shorter_legs_keep_their_feet_down(factor):
     assert floor_penetration_mm(out) <= 5
     j = target.index["l_knee"]
     change = degrees(out.rotation[:, j], motion.rotation[:, j])
-    assert np.median(change) < 6 and np.quantile(change, 0.9) < 12
+    assert np.median(change) < 3 and np.quantile(change, 0.9) < 5
     raw = retarget(motion, target, feet=False)
     assert np.abs(sole_points(raw)[..., 1].min(axis=1)).max() > 0.005  # floats or sinks: what the feet stage is for
     travel = out.translation[-1, 2] - out.translation[0, 2]
@@ -239,6 +239,9 @@ RIGS = {
     "left_ankle left_foot",
     "makehuman": "root spine05 spine04 spine01 neck01 head clavicle.L upperarm01.L lowerarm01.L wrist.L upperleg01.L "
     "lowerleg01.L foot.L toe1-1.L",
+    "motion builder": "Hips Spine Spine1 Neck Head LeftShoulder LeftArm LeftForeArm LeftHand LeftUpLeg LeftLeg LeftFoot "
+    "LeftToeBase",
+    "unreal": "root spine_01 spine_02 neck_01 head clavicle_l upperarm_l lowerarm_l hand_l thigh_l calf_l foot_l ball_l",
     "h-anim 1": "HumanoidRoot vl5 skullbase l_sternoclavicular l_shoulder l_elbow l_wrist l_hip l_knee l_ankle "
     "l_midtarsal",
 }
@@ -257,6 +260,15 @@ def test_names_of_known_rigs(rig):
     assert "humanoid_root" in found
     assert "skullbase" in found
     assert found["skullbase"] in words
+
+
+def test_bodies_of_opensim_are_joints():
+    bodies = "pelvis torso femur_r tibia_r talus_r calcn_r toes_r humerus_r ulna_r radius_r hand_r".split()
+    found = match(bodies)
+    limb = ("hip", "knee", "talocrural", "metatarsophalangeal_2", "shoulder", "elbow", "radiocarpal")
+    mine = ("femur_r", "tibia_r", "talus_r", "toes_r", "humerus_r", "ulna_r", "hand_r")
+    assert [found.get(n) for n in mine] == [f"r_{n}" for n in limb]
+    assert "radius_r" not in found and found["calcn_r"] == "r_talocalcaneonavicular"
 
 
 def test_fingers_of_known_rigs():
@@ -280,8 +292,9 @@ def test_own_names_win_and_mistakes_are_named():
     skeleton = figure(2)
     strange = renamed(skeleton, {n: f"bone_{i}" for i, n in enumerate(skeleton.names)})
     clip = Motion(strange, 30, lively(skeleton).rotation, np.zeros((30, 3)))
+    chain = Skeleton(("a", "b", "c"), np.array([-1, 0, 1]), np.array([[0, 0, 0], [0, 1, 0], [0, 2, 0.0]]))
     with pytest.raises(VitruvianError, match="hips"):
-        retarget(clip, skeleton)
+        retarget(Motion(chain, 30, clip.rotation[:, :3], clip.translation), skeleton)
     own = {f"bone_{i}": n for i, n in enumerate(skeleton.names)}
     out = retarget(clip, skeleton, names=own, feet=False)
     knee = skeleton.index["l_knee"]
@@ -309,6 +322,29 @@ def test_one_frame_and_no_legs():
     assert len(retarget(clip, skeleton)) == 1
     rootless = figure(0)
     assert len(retarget(lively(skeleton), rootless)) == 30
+
+
+@pytest.mark.parametrize("pitch", [-120, -100, -90, -80, -45, 0, 30])
+def test_a_pointed_foot_is_not_turned_round(pitch):
+    """It heads where it did, all of it comes back, and a little roll changes little."""
+    yaw = np.radians([-120.0, 0.0, 75.0])
+    foot = compose(yaw, np.radians(np.full(3, pitch)))
+    found = heading(foot)
+    assert np.abs(found[0] - yaw).max() < 1e-6 and np.abs(np.degrees(found[1]) - pitch).max() < 1e-4
+    rolled = multiply(foot, from_axis_angle(np.array([0.0, 0.0, 1.0, np.radians(8)])))
+    found = heading(rolled)
+    assert np.abs(compose(*found) - rolled).max() < 1e-12
+    assert np.degrees(np.abs(found[0] - yaw)).max() < 10
+
+
+def test_one_toe_joint_bends_all_toes():
+    full = figure(4)
+    clip = retarget(lively(renamed(figure(3), MIXAMO), size=0.2), full, feet=False)
+    turned = world(clip)
+    for side in "lr":
+        own = [full.index[f"{side}_metatarsophalangeal_{k}"] for k in range(1, 6)]
+        assert np.abs(turned[:, own] - turned[:, own[1]][:, None]).max() < 1e-9
+        assert np.ptp(clip.rotation[:, own[1]], axis=0).max() > 0.05
 
 
 def test_two_bone_reference_cases():

@@ -458,3 +458,16 @@ def test_a_fist_closes_without_a_jump(name):
     alone = np.stack([d(m) for m in poses]).astype(float)
     assert np.linalg.norm(np.diff(alone, axis=0), axis=-1).max() < 0.15
     assert np.abs(d(poses) - alone).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["linear", "log", "dual-quaternion", "volume"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_matrices_that_are_not_finite_are_refused_by_the_name_of_the_joint(name, bad):
+    body = skins.crowd(4)
+    m = skins.poses(body)
+    m[1, 3, 0, 3] = bad
+    d, joint = deformer(name, body), body.skeleton.names[3]
+    with pytest.raises(VitruvianError, match=rf"^matrices of joint {joint} in frame 1: expected finite numbers, found"):
+        d(m)
+    with pytest.raises(VitruvianError, match=rf"^matrices of joint {joint}: expected finite"):
+        d.frames(m[1])

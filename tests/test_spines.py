@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import vitruvian as vt
 from test_contours import exact, posed, ring
-from vitruvian.body.contours import spine_shares
+from vitruvian.body.contours import Contours, spine_shares
 from vitruvian.body.organise import SPINE
 from vitruvian.body.rotations import from_matrix, to_axis_angle
 from vitruvian.deform.deformer import deformer
@@ -103,7 +103,10 @@ def test_shares_of_any_spine_grow_from_the_bottom_to_all(n, count, reach, stand)
     for share in (swing, twist):
         assert share.shape == (count, n) and share.min() >= 0 and share.max() <= 1
         assert (np.diff(share, axis=0) <= 1e-12).all()  # contours are from the neck down
-    assert np.allclose(swing[0], twist[0])  # what the top takes of a joint's bend, it takes of its twist
+    assert (twist[0] >= swing[0] - 1e-12).all()  # a twist of a joint above the top winds all of the torso
+    if n > 1:
+        made = Contours("t", 0, np.arange(count * 3).reshape(count, 3), np.arange(n), swing, twist).settled
+        assert np.allclose(made.twist[0], swing[0]) and (made.twist <= twist + 1e-12).all()  # nothing takes it on
     assert (np.diff(swing, axis=1) <= 1e-12).all()  # a higher joint never holds more of a contour than a lower one
 
 
@@ -132,3 +135,40 @@ def test_people_of_all_levels_become_contour_bodies(loa, spine):
     out = deformer("contours", body)(m)
     _, first, place = np.unique(body.skin.rest, axis=0, return_index=True, return_inverse=True)
     assert np.array_equal(out, out[first[place.reshape(-1)]])  # nothing opens, not by a bit
+
+
+def test_a_twist_of_any_vertebra_winds_all_of_a_persons_trunk_below_it():
+    """The contours end below the armpits; the skin sewn above them winds on, up to the neck."""
+    body = vt.pack(vt.contours(vt.person(outfit=None), density=0.5))
+    skeleton, rest, weights = body.skeleton, body.skin.rest, body.skin.weights
+    move = deformer("contours", body)
+    off = np.zeros(len(skeleton), bool)  # arms, legs and the head turn with what they hang on
+    for j, (name, parent) in enumerate(zip(skeleton.names, skeleton.parents, strict=True)):
+        limb = name[2:] in ("sternoclavicular", "shoulder", "hip") or name in ("skullbase", "vc7")
+        off[j] = limb or (parent >= 0 and off[parent])
+    held = np.bincount(weights.vertex, np.where(off[weights.joint], weights.weight, 0.0), minlength=len(rest))
+    centers = {n: skeleton.centers[skeleton.index[n]][1] for n in SPINE}
+    levels = np.arange(centers["vl5"] - 0.01, centers["vt1"], 0.02)
+    rings = [np.flatnonzero((held < 0.01) & (np.abs(rest[:, 1] - y) < 0.012)) for y in levels]
+    rings = [r for r in rings if len(r)]
+    assert len(rings) > 20
+    _, first, place = np.unique(rest, axis=0, return_index=True, return_inverse=True)
+
+    def wound(**turns):
+        m = posed(skeleton, **turns)
+        out = move(m)
+        assert np.array_equal(out, out[first[place.reshape(-1)]])  # nothing opens, not by a bit
+        r = move.frames(m).astype(np.float64)
+        angle = np.degrees(np.arctan2(r[:, 0, 2] - r[:, 2, 0], r[:, 0, 0] + r[:, 2, 2]))
+        return np.array([np.median(angle[ring]) for ring in rings])
+
+    for name in SPINE:
+        angle = wound(**{name: [0, 1, 0, np.radians(40)]})
+        if centers[name] > 1.0:  # those below do not turn contours only
+            assert angle[0] == pytest.approx(0, abs=2), name
+        assert angle[-1] == pytest.approx(40, abs=1.5), name
+        assert np.diff(angle).min() > -0.6, name  # winds one way
+        if centers[name] > 1.1:  # no place takes it at once
+            assert np.diff(angle).max() < 16, name
+    each = wound(**{n: [0, 1, 0, np.radians(40 / len(SPINE))] for n in SPINE})
+    assert each[-1] == pytest.approx(40, abs=1.5) and np.diff(each).min() > -0.6

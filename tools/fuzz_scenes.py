@@ -135,6 +135,24 @@ def own_files(known: set[str]) -> Iterator[Source]:
             else:
                 box.export(path)
             yield Source(path.name, extension, path.read_bytes())
+    yield from _captures(known)
+
+
+def _captures(known: set[str]) -> Iterator[Source]:
+    """Capture files that we do not write: a skeleton of Acclaim, markers of C3D, a table of OpenSim."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    from capture_maker import ASF, LABELS, c3d, cloud
+
+    table = "still\nversion=1\nnRows=3\nnColumns=3\ninDegrees=yes\nendheader\ntime\tknee_r\tpelvis_ty\n"
+    table += "".join(f"{0.1 * k:.1f}\t{5 * k}\t0.9\n" for k in range(3))
+    made = {
+        ".asf": ASF.encode(),
+        ".c3d": c3d(cloud() * 1000, list(LABELS)),
+        ".mot": table.encode(),
+        ".sto": table.encode(),
+    }
+    for extension in sorted(known & set(made)):
+        yield Source(f"own{extension}", extension, made[extension])
 
 
 def _chunks(glb: bytes) -> tuple[bytes, bytes]:

@@ -90,6 +90,33 @@ struct HandJob {
                                                // at the near and the far end of both, local x y z, fold, width
 };
 
+// What poses are asked for and what may change; see vitruvian.motion.solver.
+struct PoseProblem {
+    int64_t joints, columns, wishes;
+    const int32_t* parent;      // (joints,) parents first; joint 0 is the one that shifts
+    const double* center;       // (joints, 3)
+    const double* translation;  // (joints, 3); the first is not used
+    const double* stretch;      // (joints, 3, 3) or null
+    const double* frame;        // (joints, 4) limitOrientation
+    const double* box;          // (joints, 3, 2) limits
+    const uint8_t* limited;     // (joints,) described by angles
+    const int32_t* column;      // (columns, 2) joint, or -1 for the shift, and axis; those of a joint are neighbours
+    const double* give;         // (columns,) share of a step each takes
+    const int32_t *kind, *joint;  // (wishes,) 0 point, 1 plane, 2 turn, 3 look
+    const double *point, *axis;   // (wishes, 3)
+    const double* prior;          // (columns,) weights, or null
+    double tolerance, damping, idle;
+    int iterations;
+};
+
+// One frame of it: rotation (joints, 4), shift (3) and angle (joints, 3) are changed.
+struct PoseFrame {
+    double *rotation, *shift, *angle;
+    const double *place, *weight;                             // (wishes, 4), (wishes,)
+    const double *prior_rotation, *prior_angle, *prior_shift;  // as the state, or null
+    double* error;                                            // (wishes, 3) out
+};
+
 }  // namespace vt
 
 #define VT_DECLARE(NS)                                                                                                \
@@ -114,6 +141,8 @@ struct HandJob {
     void contour_motions(const double* matrix, const ContourProgram& program, const double* links,                    \
                          const double* turns, double* out);                                                           \
     void hand(const double* matrix, const HandJob& job, double* scratch, float* out);                                 \
+    int64_t pose_room(const PoseProblem& problem);                                                                    \
+    int solve_pose(const PoseProblem& problem, const PoseFrame& frame, double* room);                                 \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

@@ -68,12 +68,15 @@ struct Kernels {
     decltype(&vt::base::contour_turns) contour_turns;
     decltype(&vt::base::contour_motions) contour_motions;
     decltype(&vt::base::hand) hand;
+    decltype(&vt::base::pose_room) pose_room;
+    decltype(&vt::base::solve_pose) solve_pose;
 };
 #define VT_KERNELS(NS)                                                                                      \
     {                                                                                                       \
         #NS, vt::NS::forward_kinematics, vt::NS::linear_table, vt::NS::linear, vt::NS::linear_lanes,        \
             vt::NS::touch, vt::NS::rigid, vt::NS::face_normals, vt::NS::vertex_normals,                     \
-            vt::NS::contour_links, vt::NS::contour_turns, vt::NS::contour_motions, vt::NS::hand             \
+            vt::NS::contour_links, vt::NS::contour_turns, vt::NS::contour_motions, vt::NS::hand,            \
+            vt::NS::pose_room, vt::NS::solve_pose                                                           \
     }
 
 Kernels best() {
@@ -353,6 +356,55 @@ void hand(const Bound<vt::HandJob>& bound, Array<double, 4> matrices, Output<flo
         use.hand(matrices.data() + f * stride, job, scratch.get(), out.data() + f * int64_t(out.shape(1)) * 3);
 }
 
+// The part of a problem that does not change between frames or calls; keeps its arrays.
+Bound<vt::PoseProblem> bind_poses(Array<int32_t, 1> parent, Array<double, 2> center, Array<double, 2> translation,
+                                  std::optional<Array<double, 3>> stretch, Array<double, 2> frame,
+                                  Array<double, 3> box, Array<uint8_t, 1> limited, Array<int32_t, 2> column,
+                                  Array<double, 1> give, Array<int32_t, 1> kind,
+                                  Array<int32_t, 1> joint, Array<double, 2> point, Array<double, 2> axis,
+                                  std::optional<Array<double, 1>> prior) {
+    const auto joints = int64_t(parent.shape(0)), columns = int64_t(column.shape(0));
+    check(int64_t(center.shape(0)) == joints && int64_t(limited.shape(0)) == joints, "joint counts differ");
+    check(int64_t(give.shape(0)) == columns, "column counts differ");
+    check(kind.shape(0) == joint.shape(0) && kind.shape(0) == point.shape(0), "wish counts differ");
+    const vt::PoseProblem problem{joints, columns, int64_t(kind.shape(0)), parent.data(), center.data(),
+                                  translation.data(), data(stretch), frame.data(), box.data(), limited.data(),
+                                  column.data(), give.data(), kind.data(), joint.data(), point.data(),
+                                  axis.data(), data(prior), 0.0, 0.0, 0.0, 0};
+    return bind(problem, joints, parent, center, translation, stretch, frame, box, limited, column, give, kind,
+                joint, point, axis, prior);
+}
+
+// Changes rotation (F,J,4), shift (F,3) and angle (F,J,3); error (F,K,3) and steps (F,) are filled.
+void solve_poses(const Bound<vt::PoseProblem>& bound, Output<double, 3> rotation, Output<double, 2> shift,
+                 Output<double, 3> angle, Array<double, 3> place, Array<double, 2> weight,
+                 std::optional<Array<double, 3>> prior_rotation, std::optional<Array<double, 3>> prior_angle,
+                 std::optional<Array<double, 2>> prior_shift, double tolerance, double damping, double idle,
+                 int iterations, Output<double, 3> error, Output<int32_t, 1> steps, int threads) {
+    vt::PoseProblem problem = bound.program;
+    problem.tolerance = tolerance;
+    problem.damping = damping;
+    problem.idle = idle;
+    problem.iterations = iterations;
+    const int64_t frames = int64_t(rotation.shape(0)), j = problem.joints, k = problem.wishes;
+    check(int64_t(rotation.shape(1)) == j && int64_t(angle.shape(1)) == j, "joint counts differ");
+    check(int64_t(place.shape(1)) == k && int64_t(error.shape(1)) == k, "wish counts differ");
+    check(int64_t(place.shape(0)) == frames && int64_t(steps.shape(0)) == frames, "frame counts differ");
+    check(bool(problem.prior) == bool(prior_rotation), "a prior wants weights and a pose");
+    const int64_t chunk = 8, room = use.pose_room(problem);
+    each((frames + chunk - 1) / chunk, vt::threads_for(frames * j * 100, threads), [&](int64_t i) {
+        std::vector<double> work(static_cast<size_t>(room));
+        for (int64_t f = i * chunk; f < std::min((i + 1) * chunk, frames); ++f) {
+            const vt::PoseFrame frame{rotation.data() + f * j * 4, shift.data() + f * 3, angle.data() + f * j * 3,
+                                      place.data() + f * k * 4, weight.data() + f * k,
+                                      prior_rotation ? prior_rotation->data() + f * j * 4 : nullptr,
+                                      prior_angle ? prior_angle->data() + f * j * 3 : nullptr,
+                                      prior_shift ? prior_shift->data() + f * 3 : nullptr, error.data() + f * k * 3};
+            steps.data()[f] = use.solve_pose(problem, frame, work.data());
+        }
+    });
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -393,5 +445,14 @@ NB_MODULE(_native, m) {
     nb::class_<Bound<vt::HandJob>>(m, "Hand");
     m.def("bind_hand", &bind_hand);
     m.def("hand", &hand, nb::arg("program"), nb::arg("matrices"), nb::arg("out"));
+    nb::class_<Bound<vt::PoseProblem>>(m, "Poses");
+    m.def("bind_poses", &bind_poses, nb::arg("parent"), nb::arg("center"), nb::arg("translation"),
+          nb::arg("stretch").none(), nb::arg("frame"), nb::arg("box"), nb::arg("limited"), nb::arg("column"),
+          nb::arg("give"), nb::arg("kind"), nb::arg("joint"), nb::arg("point"), nb::arg("axis"),
+          nb::arg("prior").none());
+    m.def("solve_poses", &solve_poses, nb::arg("problem"), nb::arg("rotation"), nb::arg("shift"), nb::arg("angle"),
+          nb::arg("place"), nb::arg("weight"), nb::arg("prior_rotation").none(), nb::arg("prior_angle").none(),
+          nb::arg("prior_shift").none(), nb::arg("tolerance"), nb::arg("damping"), nb::arg("idle"),
+          nb::arg("iterations"), nb::arg("error"), nb::arg("steps"), nb::arg("threads") = 0);
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);
 }

@@ -170,8 +170,17 @@ void turn_shares(const MotionJob& job, const double* low, const double* high, bo
         for (int64_t p = 0; p < job.pairs; ++p) {
             double cosine = dot(q + 4 * int64_t(job.pair[2 * p]), q + 4 * int64_t(job.pair[2 * p + 1]));
             if (!agree) cosine = std::fabs(cosine);
-            const double angle = 2 * std::acos(std::fmax(-1.0, std::fmin(cosine, 1.0)));
-            double s = hard ? angle >= high[p] : (angle - low[p]) / (high[p] - low[p]);
+            // The arc cosine only between the bounds: 1 - x^2/2 <= cos x <= 1 - x^2/2 + x^4/24.
+            const double least = low[p] * low[p] / 8, most = high[p] * high[p] / 8;
+            double s;
+            if (!hard && cosine >= 1 - least + least * least / 6) {
+                s = 0;
+            } else if (cosine <= 1 - most) {
+                s = 1;
+            } else {
+                const double angle = 2 * std::acos(std::fmax(-1.0, std::fmin(cosine, 1.0)));
+                s = hard ? angle >= high[p] : (angle - low[p]) / (high[p] - low[p]);
+            }
             s = s < 0 ? 0 : s > 1 ? 1 : s;
             share[p] = high[p] >= kHalfTurn ? 0 : high[p] <= 0 ? 1 : s * s * (3 - 2 * s);
         }

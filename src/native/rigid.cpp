@@ -265,30 +265,38 @@ inline void finish(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t
     write_points(bucket.target, place, last, moved, out);
 }
 
-// Stores one group by linear blending if none of it is to move otherwise.
+enum class Way { linear, rigid, mixed };
+
+// How eight vertices move: without shares, and where all of them are one, rigidly.
+VT_INLINE Way way_of(const LinearShare& s, int64_t f, int64_t place) {
+    if (s.center) return Way::mixed;
+    if (!s.share) return Way::rigid;
+    const float* share = s.share + f * s.share_stride;
+    const int32_t* set = s.set + place;
+    int32_t others = 0;
+    for (int l = 1; l < 8; ++l) others |= set[l] ^ set[0];
+    const float one = share[set[0]];
+    bool same = true;
+    for (int l = 1; others && l < 8; ++l) same = same && share[set[l]] == one;
+    return !same ? Way::mixed : one == 0.0f ? Way::linear : one == 1.0f ? Way::rigid : Way::mixed;
+}
+
+// Stores one group by linear blending.
 template <int K, bool U>
-VT_INLINE bool all_linear(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last) {
-    const LinearShare& s = job.linear;
-    if (!s.share || s.center) return false;
-    float v[8];
-    store8(v, shares(s, f, place));
-    for (int l = 0; l < 8; ++l)
-        if (v[l] != 0.0f) return false;
-    const float* table = s.table + f * job.joints * 16;
+VT_INLINE void blend_linear(const Bucket& bucket, const RigidJob& job, int64_t f, int64_t place, int64_t last) {
+    const float* table = job.linear.table + f * job.joints * 16;
     const int32_t* joint = bucket.joint + (U ? place / 8 : place) * K;
     float* out = job.out + f * job.vertices * (job.whole ? 12 : 3);
     if (job.whole) {
         f8 m[12];
         blend_matrices<K, U>(table, joint, bucket.weight + place * K, m);
-        write_frames(bucket.target, place, last, m, out);
-    } else {
-        const float* rest = bucket.rest + place * 3;
-        const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
-        f8 moved[3];
-        blend_points<K, U>(table, joint, bucket.weight + place * K, p, moved);
-        write_points(bucket.target, place, last, moved, out);
+        return write_frames(bucket.target, place, last, m, out);
     }
-    return true;
+    const float* rest = bucket.rest + place * 3;
+    const f8 p[3] = {load8(rest), load8(rest + 8), load8(rest + 16)};
+    f8 moved[3];
+    blend_points<K, U>(table, joint, bucket.weight + place * K, p, moved);
+    write_points(bucket.target, place, last, moved, out);
 }
 
 // Up to kBatch groups, whose first vertices are `place`, in frame f.
@@ -377,6 +385,8 @@ void blend_row(const Bucket& bucket, const RigidJob& job, int64_t f, const int64
 
 template <int K, bool U>
 void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job) {
+    RigidJob plain = job;
+    plain.linear = LinearShare();
     for (int64_t f = 0; f < job.frames; ++f) {
         const float* table = job.table + f * job.rows * 8;
         if (job.twists) {
@@ -391,14 +401,20 @@ void run(const Bucket& bucket, int64_t first, int64_t last, const RigidJob& job)
         Near<K <= 8 ? K : 1> near;
         int64_t place[kRow];
         int groups = 0;
+        Way way = Way::rigid;  // of the groups that wait
         const auto settle = [&] {
-            blend_row<K, U>(bucket, job, f, place, groups, last, closes ? &near : nullptr);
+            blend_row<K, U>(bucket, way == Way::rigid ? plain : job, f, place, groups, last, closes ? &near : nullptr);
             groups = 0;
         };
         for (int64_t p = first; p < last; p += 8) {
-            if (all_linear<K, U>(bucket, job, f, p, last)) continue;
+            const Way mine = way_of(job.linear, f, p);
+            if (mine == Way::linear) {
+                blend_linear<K, U>(bucket, job, f, p, last);
+                continue;
+            }
             const int32_t* joint = bucket.joint + p / 8 * K;
-            if (groups == kRow || (groups && closes && !near.knows(joint))) settle();
+            if (groups == kRow || (groups && (mine != way || (closes && !near.knows(joint))))) settle();
+            way = mine;
             if (closes && !groups) near.learn(table, joint);
             place[groups++] = p;
         }

@@ -22,8 +22,11 @@ _WHERE = {
     "pack": "body.pack",
     "joint_matrices": "body.kinematics",
     "Motion": "motion.types",
+    "Markers": "motion.markers",
     "retarget": "motion.retarget",
     "motion_of": "motion.tracks",
+    "reach": "motion.reach",
+    "Goal": "motion.reach",
     "walk": "motion.gait",
     "idle": "motion.idle",
     "deformer": "deform.deformer",
@@ -31,6 +34,7 @@ _WHERE = {
     "fit": "modeling.fit",
     "contours": "modeling.contours",
     "transfer": "modeling.transfer",
+    "reuse": "modeling.reuse",
     "decimate": "modeling.decimate",
     "rearrange": "modeling.rearrange",
     "split": "modeling.parts",
@@ -79,9 +83,13 @@ if TYPE_CHECKING:
     from vitruvian.modeling.parts import split as split
     from vitruvian.modeling.person import person as person
     from vitruvian.modeling.rearrange import rearrange as rearrange
+    from vitruvian.modeling.reuse import reuse as reuse
     from vitruvian.modeling.transfer import transfer as transfer
     from vitruvian.motion.gait import walk as walk
     from vitruvian.motion.idle import idle as idle
+    from vitruvian.motion.markers import Markers as Markers
+    from vitruvian.motion.reach import Goal as Goal
+    from vitruvian.motion.reach import reach as reach
     from vitruvian.motion.retarget import retarget as retarget
     from vitruvian.motion.tracks import motion_of as motion_of
     from vitruvian.motion.types import Motion as Motion

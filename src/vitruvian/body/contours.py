@@ -31,6 +31,8 @@ class Contours:
     how much wider (0.3: a third) the contour gets where `muscle` (an index into `joints`) is fully bent; -1: none.
     middle, normal (C,3): centres and unit normals at rest, None: those of `vertices`.
     tied (n,2): vertices outside all contours that lie on an end of this surface, and the contour that moves them.
+    wound (n,n): of a torso that skin is sewn to above: the share of the twist of each joint (columns) that this skin takes
+    where it follows each (rows); None: it follows them as they are.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Contours:
     normal: Floats | None = None
     tied: Ints = None  # type: ignore[assignment]
     recentre: Floats = None  # type: ignore[assignment]
+    wound: Floats | None = None
 
     def __post_init__(self) -> None:
         put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -75,6 +78,8 @@ class Contours:
         for field in ("middle", "normal"):
             if getattr(self, field) is not None:
                 put(field, floats(getattr(self, field), f"{title}: {field}", count, 3))
+        if self.wound is not None:
+            put("wound", floats(self.wound, f"{title}: wound", n, n))
         require(-1 <= self.muscle < n, f"{title}: muscle", f"-1 to {n - 1}", self.muscle)
 
     def __len__(self) -> int:
@@ -90,8 +95,24 @@ class Contours:
         nothing = np.zeros(len(self))
         unsplit = np.full_like(whole, np.nan)
         return replace(
-            self, swing=whole, twist=unsplit, diversion=nothing, mitre=nothing, bulge=nothing, recentre=nothing
+            self,
+            swing=whole,
+            twist=unsplit,
+            diversion=nothing,
+            mitre=nothing,
+            bulge=nothing,
+            recentre=nothing,
+            wound=None,
         )
+
+    @property
+    def settled(self) -> Contours:
+        """The same torso where no skin is sewn to its top: that takes of twists what it takes of bends, for what is
+        above takes the rest."""
+        end = int(np.argmax(self.twist.sum(axis=1)))
+        top = self.twist[end]
+        part = np.where(top > 0, self.swing[end] / np.where(top > 0, top, 1), 0)
+        return replace(self, twist=np.minimum(self.twist * part, 1.0), wound=None)
 
 
 def steps(points: Floats) -> Floats:
@@ -262,7 +283,13 @@ def limb(
 
 
 def spine_shares(
-    heights: Floats, centers: Floats, *, extra: int = 0, ramp: str = "smoothstep", stand: bool = True
+    heights: Floats,
+    centers: Floats,
+    *,
+    extra: int = 0,
+    ramp: str = "smoothstep",
+    stand: bool = True,
+    bottom: float | None = None,
 ) -> tuple[Floats, Floats]:
     """(C,n) swing and (C,n) twist shares of a torso's contours at `heights` (C,), neck first.
 
@@ -270,15 +297,12 @@ def spine_shares(
     its bend grows across the zone and is whole above. Its twist is spread from the torso's bottom to the start of the
     zone, so that a turn of the neck winds all of the trunk. Contours with an index below `extra` take all of it. `stand`:
     the lowest contour stays with what the torso stands on; else what is below bends with it, and zones go on there.
+    `bottom`: where twists begin, None: at the lowest height. Where a surface ends below a joint's zone it has a part of
+    the twist all the same, and what goes on above has to have the rest: see `Contours.wound`, or else `Contours.settled`.
     """
-    centers = np.asarray(centers, dtype=np.float64)
-    require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)
-    middle = (centers[1:] + centers[:-1]) / 2
-    step = np.diff(centers).mean() if len(centers) > 1 else 0.1
-    low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
-    high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
+    low, high, step = _zones(centers)
     h = np.asarray(heights, dtype=np.float64)[:, None]
-    bottom = float(h.min())
+    bottom = float(h.min()) if bottom is None else bottom
     if stand:
         low = np.maximum(low, bottom)
     high = np.maximum(high, low + step / 4)
@@ -286,12 +310,35 @@ def spine_shares(
     reach = low - bottom
     spread = np.clip((h - bottom) / np.where(reach > 1e-9, reach, 1.0), 0, 1)
     twist = np.where(reach > 1e-9, spread, swing)
-    top = np.argmax(h)  # where the surface ends inside a zone, or below it, what is above takes the rest
-    twist *= np.where(twist[top] > 0, swing[top] / np.where(twist[top] > 0, twist[top], 1), 0)
     twist[:, 0] = swing[:, 0]
     swing[:extra] = 1
     twist[:extra] = 1
     return swing, twist
+
+
+def spine_wound(heights: Floats, centers: Floats, *, stand: bool = True) -> Floats | None:
+    """(n,n) of a torso's contours at `heights` (C,) whose spine's joints are at `centers` (n,): see `Contours.wound`. Skin
+    that follows a joint alone winds as a contour does at the end of that joint's zone, where it is bent by all of it; that
+    of a joint below the torso does not wind. None where a joint has both, for it cannot do both."""
+    _, high, _ = _zones(centers)
+    bottom, bent = float(np.min(heights)), np.tri(len(centers))
+    below = np.asarray(centers) <= bottom
+    if (below & (high > np.max(heights)))[:-1].any():
+        return None
+    wound = spine_shares(high, centers, stand=stand, bottom=bottom)[1]
+    return np.where(below[:, None], bent, np.maximum(wound, bent))
+
+
+def _zones(centers: Floats) -> tuple[Floats, Floats, float]:
+    """The heights (n,), (n,) between which the bends of a spine's joints grow, half way to their neighbours, and the
+    joints' usual distance."""
+    centers = np.asarray(centers, dtype=np.float64)
+    require(len(centers) > 0 and bool((np.diff(centers) > 0).all()), "spine", "joints above one another", centers)
+    middle = (centers[1:] + centers[:-1]) / 2
+    step = np.diff(centers).mean() if len(centers) > 1 else 0.1
+    low = np.concatenate([[centers[0] - (middle[0] - centers[0] if len(middle) else step / 2)], middle])
+    high = np.concatenate([middle, [centers[-1] + (centers[-1] - middle[-1] if len(middle) else step / 2)]])
+    return low, high, float(step)
 
 
 def grid(numbers: Ints, closed: bool) -> Ints:

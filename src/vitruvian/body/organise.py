@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vitruvian.body.contours import Contours, limb, spine_shares, steps
+from vitruvian.body.contours import Contours, limb, spine_shares, spine_wound, steps
 from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.errors import warn
 from vitruvian.hanim.humanoid import ContourSurface
@@ -102,7 +102,8 @@ def joined(points: Floats, contours: Sequence[Contours]) -> tuple[Floats, tuple[
                         tied.append((int(w), k))
                         free[w] = False
         made.append(replace(s, tied=np.array(tied, np.int32).reshape(-1, 2)))
-    return out, tuple(made)
+    sewn = {s.joint for s in made if (s.tied[:, 1] == 0).any()}  # the front of a torso winds as its back does
+    return out, tuple(s if s.wound is None or s.joint in sewn else s.settled for s in made)
 
 
 def _limb(
@@ -142,7 +143,8 @@ def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, cha
     """`lower`: over so many of the lowest contours the spine's turns are brought to nothing."""
     ends = s.points[:, [0, -1]] if not s.closed else s.points  # those that the front shares with the back
     heights = ends[:, :, 1].mean(axis=1)
-    swing, twist = spine_shares(heights, _rising(skeleton.centers[chain][:, 1]), extra=s.extra, stand=s.lower > 0)
+    centers, stand = _rising(skeleton.centers[chain][:, 1]), s.lower > 0
+    swing, twist = spine_shares(heights, centers, extra=s.extra, stand=stand)
     below = swing[s.extra :]
     if s.extra and len(below) and (below[0] < 1).any():
         warn(
@@ -151,7 +153,11 @@ def _torso(joint: int, s: ContourSurface, numbers: Ints, skeleton: Skeleton, cha
     if s.lower:
         near = np.clip(np.arange(len(heights))[::-1] / s.lower, 0, 1)[:, None]
         swing, twist = swing * near, twist * near
-    return Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
+    made = Contours(s.name, joint, numbers, np.array(chain, np.int32), swing, twist, closed=s.closed)
+    if s.extra:
+        return made
+    wound = spine_wound(heights, centers, stand=stand)
+    return made.settled if wound is None else replace(made, wound=wound)
 
 
 def _rising(heights: Floats) -> Floats:

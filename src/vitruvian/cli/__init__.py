@@ -42,14 +42,18 @@ def options(
 
 
 from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
+    blending,
     contouring,
     demo,
+    editing,
     files,
     fitting,
     measuring,
     people,
     quality,
+    reusing,
     showing,
+    solving,
     surfaces,
 )
 

@@ -47,6 +47,12 @@ def contours(
     report: bool = typer.Option(
         False, "--report", help="Say what hard poses do to it, and how each Segment's surface can be organised."
     ),
+    organise: str = typer.Option(
+        "",
+        metavar="MODE",
+        help="Instead of slicing: put each Segment's own surface in contours, by reorder (its points as they are), "
+        "resample (its shape a little changed) or auto, and write those that can be.",
+    ),
     skin: int = typer.Option(2000, help="--live: points of head, hands, feet and clothes together; 0 keeps them all."),
     fingers: bool = typer.Option(False, "--fingers", help="--live: fingers and toes bend."),
     pointers: str = typer.Option("routes", help="--live: what leaves the script by: routes, human, nodes."),
@@ -73,6 +79,9 @@ def contours(
 
         known(pointers, chosen)
     humanoid = subject(source, repair=repair)
+    if organise:
+        _organised(humanoid, out, organise, as_json, live)
+        return
     changes = _changes(change)
     fans = {name: float(values.pop("tilt")) for name, values in changes.items() if "tilt" in values}
     if fans:
@@ -119,6 +128,28 @@ def contours(
             f"here a pose takes {document['pose_ms']:.2f} ms"
         )
     emit(document, "\n".join([*lines, *more, *(f"lost: {line}" for line in document["lost"])]), as_json)
+
+
+def _organised(humanoid: Humanoid, out: Path, mode: str, as_json: bool, live: bool) -> None:
+    from vitruvian.formats import registry
+    from vitruvian.modeling.organising import rearranged
+
+    modes = ("auto", "reorder", "resample")
+    if mode not in modes or live:
+        raise VitruvianError(f"--organise: expected {', '.join(modes)}, and not --live, found {mode!r}")
+    made, reports = rearranged(humanoid, mode=mode)
+    surfaces = [c for s in made.segments() for c in s.contours]
+    document: dict[str, Any] = {
+        "surfaces": len(surfaces),
+        "contours": sum(len(c.points) for c in surfaces),
+        "points": sum(c.points.shape[0] * c.points.shape[1] for c in surfaces),
+        "shape_error_mm": round(1000 * max((r.error[0] for r in reports), default=0.0), 3),
+        "segments": [r.document() for r in reports],
+        "lost": registry.save(made, out)["lost"],
+    }
+    lines = [f"wrote {out}: {count(len(surfaces), 'Segment surface')} in contours of {len(reports)}"]
+    lines += [f"{r.segment}: {r.mode or 'as it was'}{': ' + r.message if r.message else ''}" for r in reports]
+    emit(document, "\n".join(lines), as_json)
 
 
 def _changes(options: list[str]) -> dict[str, dict[str, float | str]]:

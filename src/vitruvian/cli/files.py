@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
+from vitruvian.cli.capture import FACTS, Actor, Fps, Skeleton, Unit, Up, said
 from vitruvian.cli.output import Bake, Hands, Json, Repair, Tolerance, WeightFile, baked, baking, count, emit, say
 from vitruvian.errors import VitruvianError
 
@@ -69,13 +70,19 @@ def _self_facts() -> dict[str, Any]:
 @app.command(epilog="Example: vitruvian info body.x3d")
 def info(
     file: Path | None = typer.Argument(
-        None, help="X3D (XML, Classic, JSON), VRML, glTF, VRM, USD, BVH, OBJ, PLY or STL file."
+        None,
+        help="X3D (XML, Classic, JSON), VRML, glTF, VRM, USD, BVH, AMC, npz, C3D, TRC, CSM, MOT, OBJ, PLY or STL.",
     ),
     about_self: bool = typer.Option(False, "--self", help="Say what this installation has instead."),
+    unit: str | None = Unit,
+    up: str | None = Up,
+    fps: float | None = Fps,
+    actor: str | None = Actor,
+    skeleton: Path | None = Skeleton,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Say what is in a file."""
+    """Say what is in a file; of a capture also what was found about its unit, up axis and rate."""
     if about_self:
         facts = _self_facts()
         emit(facts, "\n".join(f"{k}: {v}" for k, v in facts.items()), as_json)
@@ -87,7 +94,10 @@ def info(
     form = registry.kind(file)
     document: dict[str, Any] = {"format": form.lstrip(".")}
     lines = []
-    found = registry.contents(file, repair=repair)
+    options = said(file, unit, up, fps, actor, skeleton)
+    if "actor" in registry.SAYABLE.get(form, ()):
+        options.setdefault("actor", "*")  # lists who is there
+    found = registry.contents(file, repair=repair, **options)
     figures = [_humanoid_facts(h) for h in found if hasattr(h, "skin_coord")]
     if figures or form in registry.SCENES:
         document["humanoids"] = figures
@@ -99,15 +109,10 @@ def info(
         for h in figures
     ]
     for thing in found:
-        if hasattr(thing, "fps"):
-            facts = {
-                "joints": len(thing.skeleton),
-                "frames": len(thing),
-                "fps": thing.fps,
-                "seconds": thing.seconds,
-            }
-            document["motion"] = facts
-            lines.append(f"motion: {facts['joints']} joints, {facts['frames']:,} frames at {facts['fps']:g} per second")
+        if type(thing).__name__ in FACTS:
+            key, describe = FACTS[type(thing).__name__]
+            document[key], text = describe(thing)
+            lines.append(text)
         elif hasattr(thing, "unit"):
             facts = {"vertices": len(thing.vertices), "triangles": len(thing.triangles), "unit": thing.unit}
             document["mesh"] = facts
@@ -204,6 +209,11 @@ def convert(
     names: Path | None = typer.Option(None, help='JSON table {"bone": "H-Anim joint"} for the rig of a glTF file.'),
     hands: Path | None = Hands,
     weights: Path | None = WeightFile,
+    unit: str | None = Unit,
+    up: str | None = Up,
+    fps: float | None = Fps,
+    actor: str | None = Actor,
+    skeleton: Path | None = Skeleton,
     bake: bool = Bake,
     tolerance: float = Tolerance,
     repair: bool = Repair,
@@ -214,8 +224,9 @@ def convert(
     A body can change its H-Anim version, level of articulation, rest pose and kind of surface on the way; its clips
     follow.
 
-    Reads .x3d .x3dv .x3dj .json .wrl .wrz .glb .gltf .vrm .vrma .bvh .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d
-    .x3dv .x3dj .json .wrl .glb .vrm .vrma .usd .usda .usdc .usdz .bvh .obj. USD needs the extra:
+    Reads .x3d .x3dv .x3dj .json .wrl .wrz .glb .gltf .vrm .vrma .bvh .amc (with its .asf) .npz (AMASS) .c3d .trc .csm
+    .obj .ply .stl .usd .usda .usdc .usdz; writes .x3d .x3dv .x3dj .json .wrl .glb .vrm .vrma .usd .usda .usdc .usdz .bvh
+    .amc .npz .trc .csm .obj. What a capture does not say, --unit, --up and --fps say. USD needs the extra:
     pip install 'vitruvian[usd]'.
     """
     from vitruvian.formats import registry
@@ -231,6 +242,7 @@ def convert(
     several = plain and {registry.extension(p) for p in (source, target)} <= set(registry.SCENES)
     found = registry.humanoids(source, repair=repair) if several else []  # a scene takes all the figures of a scene
     options = {} if names is None else {"names": names}
+    options |= said(source, unit, up, fps, actor, skeleton)
     thing = found or registry.load(source, name=name, repair=repair, **options)
     lost: list[str] = []
     off = 0.0
@@ -306,8 +318,16 @@ def with_hands(humanoid: Any, path: Path) -> None:
     store_roundings(humanoid, stored_roundings(humanoid) | given)
 
 
+SHIFT = ".translation"  # after the name of a joint: where it is moved to, as the page saves it
+
+
 def pose_of(text: str, option: str = "--joints") -> dict[str, list[float]]:
-    """Joint rotations from JSON text or from a JSON file."""
+    """Joint rotations from JSON text or from a JSON file; translations in it are left out."""
+    return {joint: value for joint, value in read_pose(text, option).items() if not joint.endswith(SHIFT)}
+
+
+def read_pose(text: str, option: str) -> dict[str, list[float]]:
+    """{joint: [x, y, z, angle], joint.translation: [x, y, z]} from JSON text or from a JSON file."""
     path = Path(text)
     try:
         source = path.read_text() if not text.lstrip().startswith("{") else text
@@ -317,16 +337,19 @@ def pose_of(text: str, option: str = "--joints") -> dict[str, list[float]]:
     if not isinstance(pose, dict):
         raise VitruvianError(f"{option}: expected an object of joint names")
     for joint, value in pose.items():
-        numbers = isinstance(value, list) and len(value) == 4 and all(isinstance(v, int | float) for v in value)
+        many, what = (3, "[x, y, z] metres") if joint.endswith(SHIFT) else (4, "[x, y, z, angle in radians]")
+        numbers = isinstance(value, list) and len(value) == many and all(isinstance(v, int | float) for v in value)
         if not numbers:
-            raise VitruvianError(f"{option}: {joint}: expected [x, y, z, angle in radians], found {json.dumps(value)}")
+            raise VitruvianError(f"{option}: {joint}: expected {what}, found {json.dumps(value)}")
     return pose
 
 
 @app.command(epilog="Example: vitruvian pose body.x3d --joints '{\"l_knee\": [1, 0, 0, 0.8]}' -o kneeling.glb")
 def pose(
     file: Path = typer.Argument(..., help="H-Anim or USD file."),
-    joints: str = typer.Option(..., "--joints", help="JSON {joint: [x, y, z, angle]}, or a file that holds it."),
+    joints: str = typer.Option(
+        ..., "--joints", help="JSON {joint: [x, y, z, angle], joint.translation: [x, y, z]}, or its file."
+    ),
     matrices: Path | None = typer.Option(None, "--matrices", help="Write the joint matrices here (JSON, row-major)."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the posed humanoid here."),
     name: str | None = typer.Option(None, help="Which humanoid, when the file holds several."),
@@ -346,10 +369,11 @@ def pose(
     if not isinstance(humanoid, Humanoid):
         raise VitruvianError(f"{file}: expected an H-Anim body to pose, found a {type(humanoid).__name__.lower()}")
     known = {j.name: j for j in humanoid.joints()}
-    for joint, value in pose_of(joints).items():
+    for key, value in read_pose(joints, "--joints").items():
+        joint = key.removesuffix(SHIFT)
         if joint not in known:
             raise VitruvianError(f"--joints: {joint} is not a joint of {file}; it has {', '.join(list(known)[:8])} ...")
-        known[joint].rotation = np.array(value, dtype=np.float64)
+        setattr(known[joint], "rotation" if joint == key else "translation", np.array(value, dtype=np.float64))
     skeleton = pack(humanoid).skeleton
     poses = joint_matrices(skeleton)[0]
     document = {name: poses[i].tolist() for i, name in enumerate(skeleton.names)}

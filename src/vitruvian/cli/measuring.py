@@ -51,56 +51,120 @@ def landmarks(
     emit(document, f"wrote {out}: {len(kept)} of {len(found)} feature points", as_json)
 
 
-@app.command(epilog="Example: vitruvian measure fitted.x3d --before template.x3d -o contours.x3d")
+@app.command(
+    epilog="Example: vitruvian measure template.x3d fitted.x3d, or vitruvian measure fitted.x3d -o contours.json"
+)
 def measure(
     file: str = typer.Argument(..., help="Body with feature points (Sites), a mesh of a person, or the word person."),
-    before: str | None = typer.Option(None, "--before", metavar="FILE", help="Another body: show what has changed."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Write the tapes as .x3d, .x3dv, .x3dj, .wrl or .csv."),
+    after: str | None = typer.Argument(None, metavar="[AFTER]", help="Another: the first is before, this one after."),
+    before: str | None = typer.Option(
+        None, "--before", metavar="FILE", help="The same the other way: what was before."
+    ),
+    out: Path | None = typer.Option(
+        None, "-o", "--out", help="Write the tapes as .json, .csv, .x3d, .x3dv, .x3dj or .wrl."
+    ),
+    sites: Path | None = typer.Option(
+        None,
+        "--sites",
+        metavar="OUT",
+        help="Write the body with its tapes as Sites NAME_contour_pt, which move with it.",
+    ),
     marks: Path | None = Landmarks,
     unit: str | None = Unit,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Take a body's measures as a tailor does: girths by tape, lengths, volume, mass of the whole and of every Segment."""
-    from vitruvian.modeling.measures import TABLE
+    """Take a body's measures as a tailor does: girths by tape, lengths, volume, mass of the whole and of every Segment.
 
-    if out is not None and out.suffix.lower() not in (".csv", *_ENCODINGS):
-        raise VitruvianError(f"{out}: expected one of .csv, {', '.join(_ENCODINGS)} to write the tapes into")
-    found = _taken(file, marks, unit, repair)
-    old = None if before is None else _taken(before, None, None, repair)
+    With two bodies: before, after and the change. What is written, and --landmarks and --unit, are of the one after.
+    """
+    if after is not None and before is not None:
+        raise VitruvianError("measure: expected a second body or --before, found both")
+    first, second = (before, file) if after is None else (file, after)
+    if out is not None and out.suffix.lower() not in (".json", ".csv", *_ENCODINGS):
+        raise VitruvianError(f"{out}: expected one of .json, .csv, {', '.join(_ENCODINGS)} to write the tapes into")
+    thing = _read(second, repair)
+    found = _taken(thing, marks, unit)
+    old = None if first is None else _taken(_read(first, repair), None, None)
+    written = []
     if out is not None:
-        _write(found, out)
-    document = _document(found) | ({} if old is None else {"before": _document(old)})
-    head = f"{'':16}{'cm':>8}" + ("" if old is None else f"{'before':>9}{'change':>9}")
-    lines = [head]
-    for name, value in found.values.items():
-        line = f"{name:16}{value * 100:8.1f}"
-        if old is not None and name in old.values:
-            was = old.values[name]
-            line += f"{was * 100:9.1f}{(value - was) * 100:+9.1f}"
-        elif old is not None:
-            line += " " * 18
-        lines.append(f"{line}   {TABLE[name]}")
-    for title, now, was in (
-        ("volume, l", found.volume * 1000, old.volume * 1000 if old else 0),
-        ("mass, kg", found.mass, old.mass if old else 0),
-    ):
-        lines.append(f"{title:16}{now:8.1f}" + (f"{was:9.1f}{now - was:+9.1f}" if old else ""))
-    heavy = sorted(found.masses.items(), key=lambda m: -m[1])
-    lines += [f"  {name:24}{kg:7.2f} kg" for name, kg in heavy if kg >= 0.05]
-    emit(document, "\n".join(lines + ([f"wrote {out}"] if out else [])), as_json)
+        _write(found, thing, marks, unit, out)
+        written.append(out)
+    if sites is not None:
+        _write_sites(thing, second, marks, sites)
+        written.append(sites)
+    document = _document(found)
+    if old is not None:
+        was = _document(old)
+        document |= {"before": was, "change": _change(document, was)}
+    lines = _table(found, old)
+    emit(document, "\n".join([*lines, *(f"wrote {f}" for f in written)]), as_json)
 
 
-def _taken(source: str, marks: Path | None, unit: str | None, repair: bool) -> Measures:
+def _table(found: Measures, old: Measures | None) -> list[str]:
+    """Everything that was measured, in lines; with what was before and the change."""
+    from vitruvian.modeling.measures import LENGTHS, TABLE
+
+    def row(name: str, now: float | None, was: float | None, note: str = "", digits: int = 1) -> str:
+        def cell(value: float | None, form: str, width: int) -> str:
+            return f"{'-' if value is None else format(value, form):>{width}}"
+
+        line = f"{name:<24}"
+        if old is not None:
+            change = None if now is None or was is None else now - was
+            line += cell(was, f".{digits}f", 9) + cell(now, f".{digits}f", 9) + cell(change, f"+.{digits}f", 9)
+        else:
+            line += cell(now, f".{digits}f", 9)
+        return f"{line}   {note}".rstrip()
+
+    def block(title: str, now: dict[str, float], was: dict[str, float], factor: float, digits: int, least: float,
+              notes: dict[str, str]) -> list[str]:  # fmt: skip
+        head = f"{title:<24}" + (f"{'before':>9}{'after':>9}{'change':>9}" if old is not None else "")
+        names = [n for n in dict.fromkeys([*now, *was]) if max(now.get(n, 0), was.get(n, 0)) >= least]
+
+        def scaled(of: dict[str, float], name: str) -> float | None:
+            return of[name] * factor if name in of else None
+
+        rows = [row(f"  {n}", scaled(now, n), scaled(was, n), notes.get(n, ""), digits) for n in names]
+        return [head, *rows] if names else []
+
+    was = old or found
+    lines = block("measures, cm", found.values, was.values, 100, 1, 0, TABLE)
+    notes = {s + k.replace(" ", "_"): t for k, t in LENGTHS.items() for s in ("l_", "r_")}
+    lines += block("limbs, cm", found.limbs, was.limbs, 100, 1, 0, notes)
+    lines.append(row("volume, l", found.volume * 1000, was.volume * 1000))
+    lines.append(row("mass, kg", found.mass, was.mass))
+    heavy = dict(sorted(found.masses.items(), key=lambda m: -m[1]))
+    return lines + block("mass of Segments, kg", heavy, was.masses, 1, 2, 0.05, {})
+
+
+def _change(now: dict[str, Any], was: dict[str, Any]) -> dict[str, Any]:
+    """After less before, of what both have."""
+    out: dict[str, Any] = {}
+    for key, value in now.items():
+        other = was.get(key)
+        if isinstance(value, dict) and isinstance(other, dict):
+            out[key] = _change(value, other)
+        elif value is not None and other is not None:
+            out[key] = value - other
+    return out
+
+
+def _read(source: str, repair: bool) -> Any:
     from vitruvian.formats.registry import load
     from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.modeling.landmarks import read
-    from vitruvian.modeling.measures import measures
     from vitruvian.modeling.person import person
 
     thing = person() if source == "person" and not Path(source).is_file() else load(source, repair=repair)
     if not isinstance(thing, Humanoid) and not hasattr(thing, "triangles"):
         raise VitruvianError(f"{source}: expected a body or a mesh, found a {type(thing).__name__.lower()}")
+    return thing
+
+
+def _taken(thing: Any, marks: Path | None, unit: str | None) -> Measures:
+    from vitruvian.modeling.landmarks import read
+    from vitruvian.modeling.measures import measures
+
     return measures(thing, None if marks is None else read(marks), unit=unit)
 
 
@@ -110,16 +174,41 @@ def _document(found: Measures) -> dict[str, Any]:
         "mass_kg": found.mass,
         "volume_m3": found.volume,
         "measures": found.values,
+        "limbs_m": found.limbs,
         "masses_kg": found.masses,
+        "volumes_m3": found.volumes,
     }
 
 
 _ENCODINGS = {".x3d": "x3d", ".x3dv": "x3dv", ".x3dj": "x3dj", ".wrl": "wrl"}
 
 
-def _write(found: Measures, out: Path) -> None:
-    """The tapes as closed lines of a scene, or as rows name, x, y, z."""
+def _write_sites(thing: Any, source: str, marks: Path | None, out: Path) -> None:
+    """The body with its tapes as Sites."""
+    from vitruvian.formats.registry import save
+    from vitruvian.hanim.humanoid import Humanoid
+    from vitruvian.modeling.landmarks import read
+    from vitruvian.modeling.tapes import as_sites, tapes
+
+    if not isinstance(thing, Humanoid):
+        raise VitruvianError(f"--sites: expected an H-Anim body, {source} is a mesh; `-o` writes its tapes as .json")
+    as_sites(thing, tapes(thing, None if marks is None else read(marks)))
+    save(thing, out)
+
+
+def _write(found: Measures, thing: Any, marks: Path | None, unit: str | None, out: Path) -> None:
+    """The tapes: metres, upright, as closed lines of a scene or as rows name, x, y, z; as JSON in the file's own axes."""
     import numpy as np
+
+    if out.suffix.lower() == ".json":
+        from vitruvian.formats.atomic import atomic
+        from vitruvian.modeling.landmarks import read
+        from vitruvian.modeling.tapes import tapes, to_json
+
+        text = to_json(tapes(thing, None if marks is None else read(marks), unit=unit))
+        with atomic(out) as part:
+            part.write_text(text + "\n", encoding="utf-8")
+        return
 
     if out.suffix.lower() == ".csv":
         from vitruvian.formats.atomic import atomic

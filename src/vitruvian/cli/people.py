@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vitruvian.cli import app
+from vitruvian.cli.capture import Fps, Skeleton, Unit, Up, no_joints, said
 from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
 from vitruvian.errors import VitruvianError
 
@@ -100,11 +101,12 @@ def subject(source: str, *, repair: bool = False) -> Humanoid:
     return found
 
 
-def movement(source: str, body: Body, clip: str | None = None) -> Motion:
-    """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a BVH file, or a motion of another body's file,
-    the one named `clip` or the first."""
+def movement(source: str, body: Body, clip: str | None = None, *, names: Path | None = None, **options: Any) -> Motion:
+    """A motion on the body's skeleton: our own gaits (`walk`, `idle`), a capture, or a motion of another body's file,
+    the one named `clip` or the first. `names` is a JSON table of its joints, `options` go to the reader."""
     from vitruvian.motion.contacts import soled
     from vitruvian.motion.retarget import retarget
+    from vitruvian.motion.rigs import own_names
 
     if source in GAITS and not Path(source).is_file():
         import vitruvian as gait
@@ -115,13 +117,13 @@ def movement(source: str, body: Body, clip: str | None = None) -> Motion:
     from vitruvian.motion.tracks import motion_of
     from vitruvian.motion.types import Motion
 
-    found = load(source)
+    found = load(source, **options)
     if not isinstance(found, Motion):
         own = motion_of(found, pack(found).skeleton, name=clip) if hasattr(found, "motions") else None
         if own is None:
-            raise VitruvianError(f"{source}: expected a motion, found none in it")
+            raise no_joints(source, found)
         found = own
-    return retarget(found, soled(body))
+    return retarget(found, soled(body), names=own_names(names) or None)
 
 
 def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float = 1.0) -> dict[str, Any]:
@@ -151,22 +153,29 @@ def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float = 1.0) 
 @app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
 def animate(
     body: str = typer.Argument(..., help="H-Anim, glTF, VRM or USD file, or the word person."),
-    motion: str = typer.Argument(..., help="BVH, VRMA, glTF, H-Anim or USD file, or the words walk or idle."),
+    motion: str = typer.Argument(..., help="BVH, AMC, npz, VRMA, glTF, H-Anim or USD file, or walk or idle."),
     out: Path = Out,
     deformer: str = typer.Option(
         "log", help="How the skin follows: linear, dual-quaternion, log, volume, hand, hybrid, ..."
     ),
     clip: str | None = typer.Option(None, "--clip", help="Name of the clip in an H-Anim file; `info` lists them."),
+    names: Path | None = typer.Option(
+        None, "--names", metavar="FILE", help='JSON table {"joint of the motion": "H-Anim joint"}; wins over our own.'
+    ),
     repair: bool = typer.Option(
         False, "--repair", help="Drop numbers that can't be meant instead of refusing the file."
     ),
+    unit: str | None = Unit,
+    up: str | None = Up,
+    fps: float | None = Fps,
+    skeleton: Path | None = Skeleton,
     bake: bool = Bake,
     tolerance: float = Tolerance,
     as_json: bool = Json,
 ) -> None:
     """Put a motion on a body and write what comes out.
 
-    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .obj.
+    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .amc .npz .trc .csm .obj.
     """
     from vitruvian.body.pack import pack
     from vitruvian.deform.deformer import deformer as bind
@@ -174,10 +183,11 @@ def animate(
     from vitruvian.stage.clip import Clip
 
     start = time.perf_counter()
+    options = said(motion, unit, up, fps, None, skeleton)
     humanoid = subject(body, repair=repair)
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
-    shown = Clip(humanoid, packed, movement(motion, packed, clip), deformer)
+    shown = Clip(humanoid, packed, movement(motion, packed, clip, names=names, **options), deformer)
     report = write(shown, out, bake=bake, tolerance=tolerance)
     moved = shown.motion
     assert moved is not None

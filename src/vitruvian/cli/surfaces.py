@@ -31,23 +31,30 @@ def decimate(
         ..., "--vertices", min=4, help="Points of the skin. Repeated, each a subset of the last: one file for each."
     ),
     out: Path = Out,
+    switch: bool = typer.Option(
+        False, "--switch", help="Also the full body, and as --out a scene that shows each file from how far it will do."
+    ),
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
     """Give a body fewer points, a subset of its own: weights, looks and displacers stay.
 
-    With several --vertices the files are called as --out with the number behind the name.
+    With several --vertices the files are called as --out with the number behind the name. With --switch (X3D, VRML) an
+    X3D browser changes levels as the viewer comes and goes: where 95 % of a level are off by a line of the picture.
     """
     from vitruvian.cli.people import subject
+    from vitruvian.formats.level_switch import ENCODINGS, distances, write_switch
     from vitruvian.modeling.decimate import levels
 
+    if switch and out.suffix.lower() not in ENCODINGS:
+        raise VitruvianError(f"{out}: --switch writes a scene, expected a name that ends in {', '.join(ENCODINGS)}")
     body = subject(source, repair=repair)
     start = time.perf_counter()
     whole, *made = levels(body, vertices)
     document: dict[str, Any] = {"points": whole.points, "seconds": time.perf_counter() - start, "levels": []}
     lines = [f"{count(whole.points, 'point')} in use, {count(whole.triangles, 'triangle')}"]
     for wanted, level in zip(vertices, made, strict=True):
-        target = out if len(made) == 1 else out.with_name(f"{out.stem}-{wanted}{out.suffix}")
+        target = out if len(made) == 1 and not switch else out.with_name(f"{out.stem}-{wanted}{out.suffix}")
         lost = [*level.lost, *_save(level.humanoid, target)]
         mean, most, largest = (round(e * 1000, 3) for e in level.error)
         document["levels"].append({"file": str(target), "points": level.points, "triangles": level.triangles,
@@ -57,6 +64,15 @@ def decimate(
             f"{mean:.2f} mm off in the mean, {most:.2f} mm at 95 %, {largest:.1f} mm at most"
         )
         lines += [f"lost: {line}" for line in lost]
+    if switch:
+        full = out.with_name(f"{out.stem}-full{out.suffix}")
+        _save(whole.humanoid, full)
+        ranges = distances([level.error[1] for level in made])
+        write_switch(out, body, [full, *(Path(level["file"]) for level in document["levels"])], ranges)
+        document["switch"] = {"file": str(out), "full": str(full), "ranges_m": ranges}
+        lines.append(
+            f"wrote {out}: coarser from {', '.join(f'{r:.1f}' for r in ranges)} m on; {full.name} is the nearest"
+        )
     emit(document, "\n".join(lines), as_json)
 
 

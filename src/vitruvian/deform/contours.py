@@ -288,8 +288,17 @@ def _vector(q: Floats) -> Floats:
 def retwisted(surfaces: Collection[Contours]) -> list[Contours]:
     """Surfaces of one contour that moves as vertices outside the contours see the surface's own joint move: see
     `ContourOperator.seen`. None for joints that they see as they are."""
-    found = {}
+    found: dict[int, Contours] = {}
     for s in surfaces:
+        if s.wound is not None:
+            bent = np.tri(len(s.joints))  # with a joint all below it are bent
+            for k in np.flatnonzero((s.wound != bent).any(axis=1)).tolist():
+                used = np.arange(len(s.joints)) <= max(k, int(np.flatnonzero(s.wound[k]).max(initial=0)))
+                found[int(s.joints[k])] = Contours(
+                    s.name, int(s.joints[k]), s.vertices[:1], s.joints[used], bent[[k]][:, used], s.wound[[k]][:, used],
+                    s.axes[used],
+                )  # fmt: skip
+            continue
         if s.joint != s.joints[0]:
             continue
         whole = np.ones((1, len(s.joints)))

@@ -181,7 +181,7 @@ class Deformer:
         `morphs`: displacer weights by name, a number or (F,) each; those not named keep the file's weight; what a joint's
         angle drives is added. `out`
         (F,V,3) float32 C-contiguous is filled and returned.
-        Raises VitruvianError when shapes do not fit this body.
+        Raises VitruvianError when shapes do not fit this body, and naming the first joint whose matrix is not finite.
         """
         frames, single = self._frames(matrices)
         out = self._out(out, (len(frames), len(self.body.skin.rest), 3), single)
@@ -301,6 +301,13 @@ class Deformer:
         m = np.ascontiguousarray(matrices, dtype=np.float64)
         if m.ndim not in (3, 4) or m.shape[-3:] != (joints, 4, 4):
             require(False, "matrices", f"shape (F, {joints}, 4, 4) or ({joints}, 4, 4)", m.shape)
+        if not np.vdot(m, m) < np.inf:  # one number tells, in a microsecond
+            wrong = np.argwhere(~np.isfinite(m).all(axis=(-2, -1)))
+            if len(wrong):
+                at, name = wrong[0].tolist(), self.body.skeleton.names[wrong[0, -1]]
+                found = m[tuple(at)][~np.isfinite(m[tuple(at)])][0]
+                where = f" in frame {at[0]}" if len(at) > 1 else ""
+                require(False, f"matrices of joint {name}{where}", "finite numbers", found)
         return (m[None], True) if m.ndim == 3 else (m, False)
 
     @staticmethod

@@ -4,7 +4,7 @@ Blending rigid motions lets the outside of a bend bulge, because the sections on
 joint as they turn. Here the rotation R of "log" is kept, and the section's centre c goes where the bone goes:
 p' = R (p - c) + sum v_i M_i c. v_i, which sum to one, are the squares of the weights times how far the centre lies on the
 bone of joint i; the centre is the mean, by these, of the vertex's feet on the bones of its joints. An influence divided
-between two joints that move alike carries less than before. Where no section is one limb's (shoulders) the result fades
+between two joints that move alike carries less than before. Where no section is one limb's (armpits) the result fades
 to "log".
 
 Weights that differ round a section turn its sides differently, which presses it flat: on limbs that the skin closes round
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from vitruvian.body.rotations import unit
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.deform.bind import DUAL, WIDTHS, Influences, Laid
+from vitruvian.deform.forks import forked
 from vitruvian.deform.operators import Linear, Rigid, apply
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ OPEN = (
     0.2,
 )  # lengths of the mean direction over all that is seen from a section's centre: closed round it, and not
 NEAR = 0.2  # mean radii: skin nearer to its centre is seen as from there
+TIE = 1e-5  # of a bone: what lies in the plane of a joint, or of a bone's middle, does so after rounding too
 LIGHT = 1 / WIDTHS[-1]  # weights below this are left out where they are made even: no kernel has room for more
 
 
@@ -180,7 +182,8 @@ def sections(body: Body, rows: Influences) -> tuple[Floats, Floats, Influences]:
     weight = np.where(touched, weight / np.where(touched, whole, 1), weight)
     order = np.lexsort((joint, -weight, vertex))
     row = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=count))]).astype(np.int32)
-    return center, radius, Influences(row, joint[order].astype(np.int32), weight[order], rows.joints)
+    even = Influences(row, joint[order].astype(np.int32), weight[order], rows.joints)
+    return forked(body, even, center, radius, area)
 
 
 def _stations(body: Body, bone: Ints, center: Floats, radius: Floats) -> tuple[csr_array, Ints]:
@@ -261,7 +264,7 @@ def _fanned(body: Body, bone: Ints, center: Floats) -> tuple[Floats, Ints]:
         size = float(np.linalg.norm(way))
         if not len(mine) or size < 1e-6:
             continue
-        later = (center[mine] - centers[j]) @ way > size * size / 2
+        later = (center[mine] - centers[j]) @ way > size * size * (0.5 + TIE)
         for joint, some in ((j, mine[~later]), (k, mine[later])):
             above, after = int(parents[joint]), only.get(joint)
             into = way if only.get(above) != joint else centers[joint] - centers[above]
@@ -298,16 +301,34 @@ def _fan(points: Floats, into: Floats, on: Floats) -> tuple[Floats, NDArray[np.b
         low, high = np.where(past, middle, low), np.where(past, high, middle)
     middle = (low + high) / 2
     at, normal = plane(middle)
-    return at + np.einsum("na,na->n", points - at, normal)[:, None] * normal, middle >= 0
+    return at + np.einsum("na,na->n", points - at, normal)[:, None] * normal, middle >= -TIE
 
 
 def _clear(body: Body, rows: Influences, straight: Floats) -> Floats:
-    """(V,) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J,) of joints."""
-    straight = np.append(straight, 1.0)
-    part = np.where(_above(body, rows) >= 0, np.clip(EDGE * rows.weight * (1 - rows.weight), 0, 1), 0.0)
+    """(V,) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J,) of joints.
+
+    A joint counts with all that lies past it on the limb, and with it all joints up to the next influence: skin of the
+    armpit follows the chest and the upper arm, and the collar bone, which moves little of it, lies square to both.
+    """
+    above, parents = _above(body, rows), body.skeleton.parents
+    has = np.flatnonzero(above >= 0)
+    least, past = np.ones(len(rows.joint)), rows.weight.copy()
+    on, at, top = has, rows.joint[has], rows.joint[above[has]]
+    while len(on):
+        least[on] = np.minimum(least[on], straight[at])
+        at = parents[at]
+        on, at, top = on[at != top], at[at != top], top[at != top]
+    on, up = has, above[has]
+    while len(on):
+        np.add.at(past, up, rows.weight[on])
+        on, up = on[above[up] >= 0], above[up]
+        up = up[up >= 0]
+    part = np.where(above >= 0, np.clip(EDGE * past * (1 - past), 0, 1), 0.0)
     out = np.ones(len(rows))
-    np.multiply.at(out, rows.vertex, 1 - part * (1 - straight[rows.joint]))
-    return np.clip(_averaged(out[:, None], body, BLUR)[:, 0], 0, 1)
+    np.multiply.at(out, rows.vertex, 1 - part * (1 - least))
+    for _ in range(BLUR):  # narrow bands keep what they are: they are the ones that stretch most
+        out = np.minimum(out, _averaged(out[:, None], body, 1)[:, 0])
+    return np.clip(out, 0, 1)
 
 
 def _carrying(body: Body, rows: Influences, center: Floats, radius: Floats) -> Floats:

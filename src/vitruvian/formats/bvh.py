@@ -245,10 +245,10 @@ def _motion(
     ends = [(i, name, point) for i, j in enumerate(joints) for name, point in j.ends]
     site_points = np.array([rest[i] + point for i, _, point in ends]).reshape(-1, 3)
     names = [j.name for j in joints]
-    posed = _sample(parents, rest, rotation, shift) if up is None else np.zeros((0, *rest.shape))
+    posed = sample(parents, rest, rotation, shift) if up is None else np.zeros((0, *rest.shape))
     try:
-        turn, why_up = _upright(names, rest, posed, up)
-        scale, why_unit = _unit(np.concatenate([rest, site_points]), turn, unit)
+        turn, why_up = upright(names, rest, posed, up)
+        scale, why_unit = metres(np.concatenate([rest, site_points]), turn, unit)
     except VitruvianError as error:
         raise FileError(path, 0, str(error)) from None
     site_names: list[str] = []
@@ -333,7 +333,7 @@ def _shifts(joints: list[_Joint], values: Floats, offsets: Floats) -> Floats | N
     return out
 
 
-def _sample(parents: Ints, rest: Floats, rotation: Floats, shift: Floats | None) -> Floats:
+def sample(parents: Ints, rest: Floats, rotation: Floats, shift: Floats | None) -> Floats:
     """Joint positions (n,J,3) of at most 16 frames spread over the clip."""
     pick = np.unique(np.linspace(0, max(len(rotation) - 1, 0), min(16, len(rotation))).astype(int))
     root = np.zeros((len(pick), 3)) if shift is None else shift[pick, 0]
@@ -341,7 +341,7 @@ def _sample(parents: Ints, rest: Floats, rotation: Floats, shift: Floats | None)
     return positions(parents, rest, world, root, None if shift is None else shift[pick])
 
 
-def _upright(names: list[str], rest: Floats, posed: Floats, up: str | None) -> tuple[Floats | None, str]:
+def upright(names: list[str], rest: Floats, posed: Floats, up: str | None) -> tuple[Floats | None, str]:
     """The turn that brings the file's up axis to Y (None when it is), and why."""
     if up is not None:
         axis, sign = _UP.get(up.lower().lstrip("+-"), -1), -1.0 if up.startswith("-") else 1.0
@@ -370,7 +370,7 @@ def _upright(names: list[str], rest: Floats, posed: Floats, up: str | None) -> t
     return from_vector([0.0, 0.0, sign * quarter] if axis == 0 else [-sign * quarter, 0.0, 0.0]), why
 
 
-def _unit(points: Floats, turn: Floats | None, unit: float | str | None) -> tuple[float, str]:
+def metres(points: Floats, turn: Floats | None, unit: float | str | None) -> tuple[float, str]:
     """Metres per file unit, and why."""
     if unit is not None:
         scale = UNITS.get(unit, 0.0) if isinstance(unit, str) else float(unit)

@@ -395,7 +395,15 @@ def motion(file: GltfFile, rig: Rig, animation: Animation) -> Motion:
     skeleton = Skeleton(tuple(rig.names), np.array(rig.parents, np.int32), rig.bind[:, :3, 3])
     still = float(np.abs(shift[:, 1:]).max(initial=0.0)) < 1e-5
     return Motion(
-        skeleton, fps, normalize(rotation), shift[:, 0], None if still else shift, weights, bool(loop), animation.name
+        skeleton,
+        fps,
+        normalize(rotation),
+        shift[:, 0],
+        None if still else shift,
+        weights,
+        bool(loop),
+        animation.name,
+        notes=("unit 1 m and up axis Y: what glTF means",),
     )
 
 

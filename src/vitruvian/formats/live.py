@@ -33,16 +33,34 @@ POINTERS = ("routes", "human", "nodes")
 SCHEMES = ("javascript", "ecmascript", "vrmlscript")
 _STRIPS = "IndexedTriangleStripSet"
 # X_ITE works out tangents, which only normal maps need, after each change; given one, it need not. VRML97 has no such
-# node, so the one that is given comes out of a scene of its own. Browsers that have no use for it leave it.
-_TANGENT = """{scheme}:
-function initialize() {{
-  try {{
-    Browser.createX3DFromString('#X3D V4.0 utf8' + String.fromCharCode(10) + 'PROFILE Full Tangent {{ vector 0 1 0 1 }}')
-      .then(function (made) {{
-        for (var i = 0; i < geometry.length; ++i) geometry[i].tangent = made.rootNodes[0];
-      }}, function () {{}});
-  }} catch (e) {{}}
-}}
+# node, nor triangle sets, whose indices X_ITE keeps as a list while it asks a proxy for each index of an IndexedFaceSet
+# several times at each change; so there both come out of scenes of their own. Browsers that make no X3D leave it.
+_MADE = """function made(text, then) {
+  try {
+    Browser.createX3DFromString('#X3D V4.0 utf8' + String.fromCharCode(10) + 'PROFILE Full ' + text)
+      .then(function (scene) { then(scene.rootNodes[0]); }, function () {});
+  } catch (e) {}
+}
+"""
+_TANGENTS = """function initialize() {
+  made('Tangent { vector 0 1 0 1 }', function (tangent) {
+    for (var i = 0; i < geometry.length; ++i) geometry[i].tangent = tangent;
+  });
+}
+"""
+_STRIPPING = """var strips = [], latest = null, shared = ['color', 'texCoord', 'normal', 'coord'];
+function set_index(value) { latest = value; if (strips[0]) strips[0].set_index = value; }
+function strip(i) {
+  var faces = geometry[i], solid = faces.solid ? 'TRUE' : 'FALSE';
+  made('IndexedTriangleStripSet { solid ' + solid + ' tangent Tangent { vector 0 1 0 1 } }', function (strip) {
+    strip.set_index = latest || faces.coordIndex;
+    for (var k = 0; k < shared.length; ++k)
+      if (faces[shared[k]]) { strip[shared[k]] = faces[shared[k]]; faces[shared[k]] = null; }
+    strips[i] = strip;
+    shapes[i].geometry = strip;
+  });
+}
+function initialize() { for (var i = 0; i < geometry.length; ++i) strip(i); }
 """
 
 
@@ -215,8 +233,11 @@ class _Writer:
         body = self.scene.body
         self._reroute({node.name: name for name, node in self.joints.items() if name in self.names})
         body.append(script)
-        if geometry:
-            body.append(self._tangents([_use(g) for g in geometry]))
+        stripped = [i for i, g in enumerate(geometry) if not self.native and _single(g)]
+        if stripped:
+            body.append(self._stripping([(geometry[i], self.shapes[prefix + self.soft.names[i]]) for i in stripped]))
+        if len(geometry) > len(stripped):
+            body.append(self._tangents([g for i, g in enumerate(geometry) if i not in stripped]))
         if self.pointers == "routes":
             for name in self.names:
                 body.append(Route(SCRIPT, f"hanim_{name}_rotation", self.joints[name].name, "set_rotation"))
@@ -262,7 +283,14 @@ class _Writer:
                 geometry.type = _STRIPS
             geometry.fields["normal"] = Node("Normal", connects=[("vector", "Normals")])
             geometry.name = "faces"
-            proto.body.append(self._tangents([_use(geometry)]))
+            if self.native or bordered:
+                proto.body.append(self._tangents([geometry]))
+            else:
+                shown.name = "shown"
+                script = self._stripping([(geometry, shown)])
+                script.interface.append(ProtoField("inputOnly", "MFInt32", "set_index"))
+                script.connects = [("set_index", "set_PointsIndex")]
+                proto.body.append(script)
 
     def _closed(self) -> bool:
         """Whether no contours can be seen from inside, as all their rims meet other points: drawing one side is enough."""
@@ -283,18 +311,25 @@ class _Writer:
         for field in ("coord", "normal"):
             node = geometry.children(field)[0]
             node.name = f"{name}_{field}"
-        plain = not {"texCoordIndex", "colorIndex", "normalIndex"} & set(geometry.fields)
-        faces = geometry.fields.get("coordIndex")
-        if self.native and plain and isinstance(faces, np.ndarray) and not (faces[3::4] >= 0).any():
+        if self.native and _single(geometry):
             geometry.type = _STRIPS
+            faces = geometry.fields["coordIndex"]
             geometry.fields = {k: v for k, v in geometry.fields.items() if k not in ("coordIndex", "creaseAngle")}
             geometry.fields["index"] = faces
         return geometry
 
-    def _tangents(self, geometry: list[Use]) -> Node:
+    def _tangents(self, geometry: list[Node]) -> Node:
+        return self._easing({"geometry": geometry}, _TANGENTS)
+
+    def _stripping(self, shown: list[tuple[Node, Node]]) -> Node:
+        """A script that gives Shapes strips for their faces: pairs of geometry and Shape."""
+        return self._easing({"geometry": [g for g, _ in shown], "shapes": [s for _, s in shown]}, _STRIPPING)
+
+    def _easing(self, nodes: dict[str, list[Node]], code: str) -> Node:
         script = Node("Script", fields={"directOutput": True})
-        script.interface.append(ProtoField("initializeOnly", "MFNode", "geometry", geometry))
-        self._url(script, [_TANGENT.format(scheme=scheme) for scheme in self.schemes])
+        for name, some in nodes.items():
+            script.interface.append(ProtoField("initializeOnly", "MFNode", name, [_use(n) for n in some]))
+        self._url(script, [f"{scheme}:\n{_MADE}{code}" for scheme in self.schemes])
         return script
 
     def _url(self, script: Node, codes: list[str]) -> None:
@@ -354,6 +389,13 @@ def _below(top: Node) -> list[Node]:
     for node in out:
         out += [n for _, n in node.entries() if isinstance(n, Node)]
     return out
+
+
+def _single(geometry: Node) -> bool:
+    """Whether a set of faces is of triangles whose corners have what their points have, as those of strips have."""
+    faces = geometry.fields.get("coordIndex")
+    own = {"texCoordIndex", "colorIndex", "normalIndex"} & set(geometry.fields)
+    return not own and isinstance(faces, np.ndarray) and not (faces[3::4] >= 0).any()
 
 
 def _use(node: Node) -> Use:

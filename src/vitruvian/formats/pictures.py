@@ -28,14 +28,14 @@ def kind(data: bytes) -> str | None:
     """ "image/png" or "image/jpeg" of a picture whose sides and bytes are within bounds, None of everything else."""
     if len(data) > MAX_BYTES:
         return None
-    size = _size(data)
+    size = size_of(data)
     if size is None or not (0 < size[0] <= MAX_SIDE and 0 < size[1] <= MAX_SIDE):
         return None
     return "image/png" if data[:1] == b"\x89" else "image/jpeg"
 
 
-def _size(data: bytes) -> tuple[int, int] | None:
-    """Width and height as the header says them."""
+def size_of(data: bytes) -> tuple[int, int] | None:
+    """Width and height as the header of a PNG or JPEG says them, None of everything else."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR" and len(data) > 33:
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
     if data[:2] != b"\xff\xd8":

@@ -27,14 +27,48 @@ SCENES = {
 JSON_KINDS = {"X3D": ".x3dj"}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
+    ".amc": ("asf", "read_amc"),
+    ".asf": ("asf", "read_asf"),
+    ".npz": ("amass", "read_amass"),
+    ".c3d": ("c3d", "read_c3d"),
+    ".trc": ("trc", "read_trc"),
+    ".csm": ("csm", "read_csm"),
+    ".mot": ("storage", "read_storage"),
+    ".sto": ("storage", "read_storage"),
+    ".osim": ("osim", "read_osim"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
 }
+# What can be said about a capture file that does not say it itself, by extension
+SAYABLE = {
+    ".bvh": {"unit", "up"},
+    ".amc": {"unit", "up", "fps", "skeleton"},
+    ".asf": {"unit", "up"},
+    ".npz": {"up", "fps"},
+    **dict.fromkeys((".c3d", ".trc", ".csm"), {"unit", "up", "fps", "actor"}),
+}
+MARKERS = (".trc", ".csm")  # written; .c3d is read only
+MOTIONS = (".bvh", ".vrma", ".amc", ".npz", *MARKERS)
 # files that hold humanoids, a motion or a mesh: only reading them tells which
 FIGURES = dict.fromkeys((".glb", ".gltf", ".vrm", ".vrma"), ("gltf_reader", "read_all"))
 USD = (".usda", ".usdc", ".usd", ".usdz")
-WRITERS = (".x3d", ".x3dv", ".wrl", ".x3dj", ".json", ".glb", ".vrm", ".vrma", ".bvh", ".obj", *USD)
+WRITERS = (
+    ".x3d",
+    ".x3dv",
+    ".wrl",
+    ".x3dj",
+    ".json",
+    ".glb",
+    ".vrm",
+    ".vrma",
+    ".bvh",
+    ".amc",
+    ".npz",
+    *MARKERS,
+    ".obj",
+    *USD,
+)
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -114,12 +148,14 @@ def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[
 
 
 def load(path: str | Path, *, name: str | None = None, repair: bool = False, **options: Any) -> Any:
-    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh) or `Mesh` (.obj
-    .ply .stl); glTF (.glb .gltf .vrm .vrma) may hold any of them. A .json file is what the key on its top says:
+    """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh .amc .npz),
+    `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
+    glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
     {"X3D": ...} is a scene.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
-    array) with a warning instead of refusing it. Other options go to the reader (BVH: `unit`, `up`; glTF: `names`).
+    array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,
+    `skeleton`, see `SAYABLE`; glTF: `names`).
     Raises `FileError` with path and line, `VitruvianError` for an unknown extension or name.
     """
     found = contents(path, repair=repair, **options)
@@ -145,7 +181,8 @@ def save(
 ) -> dict[str, Any]:
     """Write a Humanoid, Clip, Body, Motion or Mesh by the extension of `path`, whole or not at all.
 
-    A Motion alone goes into .bvh or .vrma; .vrm takes humanoids that have the fifteen bones VRM needs.
+    A Motion alone goes into .bvh, .vrma, .amc (with its .asf), .npz, or as the tracks of joints and Sites into .trc and
+    .csm, which take Markers too; .vrm takes humanoids that have the fifteen bones VRM needs.
     Scene files are .x3d (XML), .x3dv (Classic), .x3dj or .json (JSON) and .wrl (VRML97). They also take a list of
     Humanoids and Clips: several figures, and several clips of one figure. Their options: `motion` "interpolators" or
     "hanimmotion" (X3D 4.0) says how clips are written, `draft` writes X3D 4.1 as drafted. `bake` writes, for viewers
@@ -158,6 +195,7 @@ def save(
     `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
     """
+    from vitruvian.motion.markers import Markers
     from vitruvian.motion.types import Motion
     from vitruvian.stage.clip import Mesh
 
@@ -168,24 +206,11 @@ def save(
     if not path.parent.is_dir():
         raise VitruvianError(f"{path}: the folder {path.parent} does not exist")
     report: dict[str, Any] = {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
-    if form == ".bvh":
-        from vitruvian.formats.bvh import write_bvh
-
-        motion = thing if isinstance(thing, Motion) else _clip(thing, path, clip).motion
-        if motion is None:
-            raise VitruvianError(f"{path}: expected a motion to write, found none")
-        write_bvh(motion, path)
-        if not isinstance(thing, Motion):
-            report["lost"].append("everything but the skeleton and its motion")
-    elif form == ".vrma":
-        from vitruvian.formats.vrma import write_vrma
-
-        motion = thing if isinstance(thing, Motion) else _clip(thing, path).motion
-        if motion is None:
-            raise VitruvianError(f"{path}: expected a motion to write, found none")
-        report |= write_vrma(motion, path)
-    elif isinstance(thing, Motion):
-        raise VitruvianError(f"{path}: a motion alone can be written as .bvh or .vrma; apply it to a body for {form}")
+    if form in MOTIONS:
+        report |= _save_motion(thing, path, form, clip)
+    elif isinstance(thing, Motion | Markers):
+        what, fits = ("a motion", MOTIONS) if isinstance(thing, Motion) else ("markers", MARKERS)
+        raise VitruvianError(f"{path}: {what} alone can be written as {', '.join(fits)}; apply it to a body for {form}")
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
@@ -212,6 +237,36 @@ def save(
     else:
         report["lost"] += _save_scene(thing, path, form, hanim, **options)
     return report
+
+
+def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[str, Any]:
+    """A Motion, that of a Clip or Humanoid, or Markers in a file that holds nothing else."""
+    from vitruvian.motion.markers import Markers, markers_of
+    from vitruvian.motion.types import Motion
+
+    module, function = _MOTION_WRITERS[form]
+    write = _function((module, function))
+    if isinstance(thing, Markers):
+        if form not in MARKERS:
+            raise VitruvianError(f"{path}: markers have no joints; they can be written as {', '.join(MARKERS)}")
+        return write(thing, path)
+    motion = thing if isinstance(thing, Motion) else _clip(thing, path, clip if form != ".vrma" else None).motion
+    if motion is None:
+        raise VitruvianError(f"{path}: expected a motion to write, found none")
+    report = write(markers_of(motion) if form in MARKERS else motion, path) or {"lost": []}
+    if not isinstance(thing, Motion) and form != ".vrma":
+        report["lost"].append("everything but the skeleton and its motion")
+    return report
+
+
+_MOTION_WRITERS = {
+    ".bvh": ("bvh", "write_bvh"),
+    ".vrma": ("vrma", "write_vrma"),
+    ".amc": ("amc_writer", "write_amc"),
+    ".npz": ("amass", "write_amass"),
+    ".trc": ("trc", "write_trc"),
+    ".csm": ("csm", "write_csm"),
+}
 
 
 def _save_baked(

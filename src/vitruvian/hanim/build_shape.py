@@ -137,7 +137,11 @@ class ShapeWriter:
             fields["diffuseColor"] = rgb(look.color)
             rough = min(max(look.roughness, 0.124), 1.0)
             fields["shininess"] = float(min(max((2 / rough**2 - 2) / 128, 0.0), 1.0))
-            fields["specularColor"] = np.full(3, round(0.25 * (1 - rough), 4))
+            fields["specularColor"] = (
+                np.full(3, round(0.25 * (1 - rough), 4)) if look.specular is None else rgb(look.specular)
+            )
+            if look.ambient is not None:
+                fields["ambientIntensity"] = float(look.ambient)
             if look.metallic > 0:
                 self.lost.add("metallic look of materials")
         if any(look.emission):

@@ -184,6 +184,10 @@ def defbody_node(
         "tilt": float(surface.tilt),
         "closed": surface.closed,
     }
+    if look.ambient is not None:
+        fields["ambientIntensity"] = float(look.ambient)
+    if look.specular is not None:
+        fields["specularColor"] = np.array(look.specular, np.float64)
     bands = surface.bands or (((0, look),) if look.name not in ("", surface.name) else ())
     if bands:
         fields["bands"] = np.array([k for k, _ in bands], np.int32)
@@ -246,9 +250,12 @@ def contour_surface(reading: Reading, node: Node, joint: Joint) -> ContourSurfac
     colors = reading.numbers(node, "Colors", "MFColor", 3)
     diffuse = reading.vector(node, "diffuseColor", (0.8, 0.8, 0.8))
     value = lambda field: float(np.clip(next(iter(reading.numbers(node, field)), 0.0), 0, 1))  # noqa: E731
+    color = lambda field: tuple(np.clip(reading.vector(node, field, (0.0, 0.0, 0.0)), 0, 1).tolist())  # noqa: E731
     look = Material(
         name=reading.text(node, "name"), color=(float(diffuse[0]), float(diffuse[1]), float(diffuse[2])),
         roughness=_roughness(value("shininess")), opacity=1 - value("transparency"), double_sided=True,
+        emission=color("emissiveColor"), ambient=value("ambientIntensity") if "ambientIntensity" in node.fields else None,
+        specular=color("specularColor") if "specularColor" in node.fields else None,
     )  # fmt: skip
     look.picture = _picture(reading, node) if uv is not None else None
     bands = _bands(reading, node, count, look)

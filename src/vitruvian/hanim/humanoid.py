@@ -82,7 +82,8 @@ class Picture:
 
 @dataclass(slots=True, eq=False)
 class Material:
-    """How a surface looks: sRGB colours in 0..1. `roughness`, `metallic` as in glTF; `emission` sRGB.
+    """How a surface looks: sRGB colours in 0..1. `roughness`, `metallic` as in glTF; `emission` sRGB. `ambient`,
+    `specular`: ambientIntensity and specularColor of X3D and VRML, None where no file says them.
 
     `picture` replaces or, where programs do so, multiplies the colour.
     """
@@ -96,6 +97,8 @@ class Material:
     double_sided: bool = False
     node: Node | None = None  # the file's Appearance
     picture: Picture | None = None
+    ambient: float | None = None
+    specular: tuple[float, float, float] | None = None
 
 
 @dataclass(slots=True, eq=False)

@@ -378,6 +378,10 @@ def material(reading: Reading, shape: Node) -> Material:
         look.roughness = 1.0
     else:
         look.color = _color(reading, node, "diffuseColor", (0.8, 0.8, 0.8))
+        if "ambientIntensity" in node.fields:
+            look.ambient = min(max(reading.number(node, "ambientIntensity", 0.2), 0.0), 1.0)
+        if "specularColor" in node.fields:
+            look.specular = _color(reading, node, "specularColor", (0, 0, 0))
         shininess = min(max(reading.number(node, "shininess", 0.2), 0.0), 1.0)
         look.roughness = float(np.sqrt(2 / (2 + 128 * shininess)))
     return look

@@ -5,13 +5,14 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.hanim import tables
 from vitruvian.hanim.folding import stand_in
 from vitruvian.hanim.humanoid import Joint, Segment, Site
 from vitruvian.modeling import mass
-from vitruvian.modeling.source import POINTS, array, manifest
+from vitruvian.modeling.source import BODY, POINTS, array, manifest, tied
 
 FINGERS = {1: "thumb", 2: "index", 3: "middle", 4: "ring", 5: "pinky"}
 
@@ -52,8 +53,21 @@ def parents() -> Ints:
 
 
 def centers(points: Floats) -> Floats:
-    """(146,3) joint centres of a shaped person: linear in the ends of the source's bones (`points` beyond 19158)."""
-    return array("centres").astype(np.float64) @ points[POINTS:]
+    """(146,3) joint centres of a shaped person (19158 + 326, 3): linear in the ends of the source's bones, which are the
+    `points` beyond 19158, and for knees, elbows and fingers in the skin round them, so that they lie where it bends.
+    """
+    out = array("centres").astype(np.float64) @ points[POINTS:]
+    joints, shares = _tied()
+    out[joints] = shares @ points[:BODY]
+    return out
+
+
+@cache
+def _tied() -> tuple[Ints, csr_matrix]:
+    """Joints (k,) that lie in the skin round them, and the shares (k,13380), each of sum one, of its vertices."""
+    joints, row = np.unique(tied("joint"), return_inverse=True)
+    shares = csr_matrix((tied("share").astype(np.float64), (row, tied("vertex"))), (len(joints), BODY))
+    return joints, shares
 
 
 def ends(points: Floats) -> dict[str, Floats]:

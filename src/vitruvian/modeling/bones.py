@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -168,13 +169,28 @@ class Knobs:
     tie: Floats
     names: tuple[str, ...]
 
+    @cached_property
+    def blocks(self) -> list[tuple[Ints, Floats]]:
+        """Of each joint: the knobs (k,) that turn it, and (8,k) how much."""
+        ends = self.links.indptr[::EACH]
+        out = []
+        for j, (a, b) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            knob, where = np.unique(self.links.indices[a:b], return_inverse=True)
+            mine = np.zeros((EACH, len(knob)))
+            row = np.repeat(np.arange(EACH), np.diff(self.links.indptr[EACH * j : EACH * (j + 1) + 1]))
+            np.add.at(mine, (row, where), self.links.data[a:b])
+            out.append((knob.astype(np.int32), mine))
+        return out
+
     def only(self, kept: Sequence[bool] | Any) -> Knobs:
         """Those knobs alone."""
         kept = np.asarray(kept, bool)
         new = np.cumsum(kept) - 1
         both = kept[self.pairs].all(axis=1) if len(self.pairs) else np.zeros(0, bool)
         names = tuple(n for n, k in zip(self.names, kept, strict=True) if k)
-        return Knobs(self.links[:, np.flatnonzero(kept)], self.pull[kept], new[self.pairs[both]], self.tie[both], names)
+        return Knobs(
+            self.links[:, np.flatnonzero(kept)].tocsr(), self.pull[kept], new[self.pairs[both]], self.tie[both], names
+        )
 
 
 def flat(bones: Bones) -> Floats:
@@ -189,52 +205,54 @@ def changed(bones: Bones, step: Floats) -> Bones:
     return Bones(bones.scale + move[:, 6:], rot.to_vector(turned), bones.shift + move[:, 3:6])
 
 
-def jacobian(parents: Ints, centers: Floats, axes: Floats, bones: Bones, frame: Frame, rows: Rows) -> Floats:
-    """(n, 8J) how the distance of each row changes with the parameters of every joint."""
+def jacobian(
+    parents: Ints, centers: Floats, axes: Floats, bones: Bones, frame: Frame, rows: Rows, knobs: Knobs
+) -> Floats:
+    """(n,K) how the distance of each row changes with the knobs."""
     count, joints = len(rows.at), len(parents)
-    below = descendants(parents)
-    w = rows.weights.toarray()
     linear = frame.turn @ frame.stretch
-    # p: where each joint alone takes the point; sums over all joints below, as one product each
-    entry = rows.weights.tocoo()
-    here, owner, share = entry.row, entry.col, entry.data
-    away = rows.at[here] - centers[owner]
-    alone = frame.place[owner] + np.einsum("nab,nb->na", linear[owner], away)
-    sub = w @ below.T
-    arm = np.empty((count, joints, 3))
-    stretchy = np.empty((count, joints, 3))
-    link = np.zeros((joints, joints, 3))  # from a joint to the centre of a child
-    inner = np.flatnonzero(parents >= 0)
-    link[parents[inner], inner] = centers[inner] - centers[parents[inner]]
-    dense = np.zeros((count, joints))
-    for k in range(3):
-        dense[here, owner] = share * alone[:, k]
-        arm[:, :, k] = dense @ below.T - sub * frame.place[:, k]
-        dense[here, owner] = share * away[:, k]
-        stretchy[:, :, k] = dense + sub @ link[:, :, k].T
-    out = np.empty((count, joints, EACH))
-    n = rows.along
-    moment = np.cross(arm, n[:, None, :])
-    out[:, :, :3] = np.einsum("njb,jbc->njc", moment, frame.turn)
+    held = rows.weights.tocsc()
     above = np.where((parents >= 0)[:, None, None], frame.turn[np.maximum(parents, 0)], np.eye(3))
-    local = np.einsum("nb,jbc->njc", n, above)
-    out[:, :, 3:6] = sub[:, :, None] * local
-    facing = np.einsum("nb,jbc->njc", n, frame.turn)
-    far = np.einsum("njc,jc->nj", stretchy, axes)
-    front = np.einsum("njc,jc->nj", facing, axes)
     grow = np.exp(bones.scale)
-    out[:, :, 6] = far * front * grow[:, 0]
-    out[:, :, 7] = (np.einsum("njc,njc->nj", stretchy, facing) - far * front) * grow[:, 1]
-    return out.reshape(count, joints * EACH)
-
-
-def descendants(parents: Ints) -> Floats:
-    """(J,J) 1 where the second joint hangs below the first or is it."""
-    out = np.eye(len(parents))
-    for j in range(len(parents) - 1, -1, -1):
-        if parents[j] >= 0:
-            out[parents[j]] += out[j]
+    out = np.zeros((count, knobs.links.shape[1]))
+    # sums over all joints below, from the leaves to the root: share (1), place (3), what the bone stretches (3)
+    total = np.empty((count, 7))
+    below: list[list[tuple[Ints, Floats]]] = [[] for _ in range(joints)]
+    for j in range(joints - 1, -1, -1):
+        total[:] = 0
+        mine = slice(held.indptr[j], held.indptr[j + 1])
+        here, share = held.indices[mine], held.data[mine, None]
+        away = rows.at[here] - centers[j]
+        total[here, 0] = share[:, 0]
+        total[here, 1:4] = share * (frame.place[j] + away @ linear[j].T)
+        total[here, 4:] = share * away
+        for row, some in below[j]:
+            total[row] += some
+        row = np.flatnonzero(total[:, 0]).astype(np.int32)
+        sums = total[row]
+        part, arm, reach = sums[:, :1], sums[:, 1:4], sums[:, 4:]
+        p = parents[j]
+        if p >= 0:
+            below[p].append((row, np.hstack([sums[:, :4], part * (centers[j] - centers[p])])))
+        knob, amount = knobs.blocks[j]
+        if not len(row) or not len(knob):  # a point hangs on few of the joints, a joint on few of the knobs
+            continue
+        along = rows.along[row]
+        facing = along @ frame.turn[j]
+        ahead = (reach @ axes[j]) * (facing @ axes[j])
+        slope = np.empty((len(row), EACH))
+        slope[:, :3] = _cross(arm - part * frame.place[j], along) @ frame.turn[j]
+        slope[:, 3:6] = part * (along @ above[j])
+        slope[:, 6] = ahead * grow[j, 0]
+        slope[:, 7] = ((reach * facing).sum(axis=1) - ahead) * grow[j, 1]
+        out[row[:, None], knob] += slope @ amount
     return out
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """(n,3) cross products, without what numpy does for other shapes."""
+    (x, y, z), (u, v, w) = a.T, b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
 
 
 def placed(rows: Rows, frame: Frame, centers: Floats) -> Floats:
@@ -293,7 +311,7 @@ def settle(
     best, short, off, frame = cost(bones)
     damping = 1e-4
     for _ in range(rounds):
-        slope = jacobian(parents, centers, axes, bones, frame, rows) @ knobs.links
+        slope = jacobian(parents, centers, axes, bones, frame, rows, knobs)
         scaled = slope * rows.trust[:, None]
         hessian, downhill = slope.T @ scaled, scaled.T @ short
         turning = np.tile(np.eye(EACH), (len(parents), 1, 1))

@@ -83,6 +83,26 @@ class Charts:
         out[~stays] = self._nearest(near[mine], places[~stays])[0]
         return out
 
+    def sewn(self, places: Floats, uv: Floats, edge: Whole, shown: Floats) -> Floats:
+        """(n,3,2) texture coordinates of triangles (n,3,3) that have `uv` (n,3,2) themselves, but where their first two
+        corners are edge `edge` (n,) of a seam, -1: of none, those that the other side has there, `shown` (P,2,2)."""
+        out = uv.copy()
+        some = np.flatnonzero(edge >= 0)
+        for n in some[(uv[some, :2] != shown[edge[some]]).any(axis=(1, 2))].tolist():
+            out[n] = self.continued(places[n], shown[edge[n]])
+        return out
+
+    def continued(self, places: Floats, uv: Floats) -> Floats:
+        """(k,2) texture coordinates of a face's corners (k,3) whose first two have those of `uv` (2,2): the others those of
+        the nearest places on the same island, so that a face beyond a border of the map shows what is along it."""
+        across = float(np.linalg.norm(np.ptp(places, axis=0)))
+        near = self._near(places, np.zeros(0, np.int64), across)
+        off = np.linalg.norm(self.uv[near][:, :, None] - uv, axis=3).min(axis=(1, 2))
+        home = near[np.argmin(off)]
+        radius = max(_FAR * across * float(self.dense[home]), float(off.min()))
+        mine = near[(self.island[near] == self.island[home]) & (off <= radius)]
+        return np.concatenate([uv, self._nearest(mine, places[2:])[0]])
+
     def _near(self, places: Floats, face: Whole, across: float) -> Whole:
         """Triangles about a face; the nearest where there are none."""
         middle, reach = places.mean(axis=0), _REACH * across
@@ -102,6 +122,18 @@ class Charts:
         which = np.asarray(which).reshape(-1)
         share = barycentric(self.rest[faces[which]], np.asarray(at).reshape(-1, 3))
         return np.einsum("nk,nkc->nc", share, self.uv[triangles[which]]), triangles[which]
+
+
+def looks(skin: Skin, corners: Ints) -> tuple[Floats | None, Ints]:
+    """What corners of triangles look like (n,k), texture coordinates before colours, and which each has (T,3)."""
+    if skin.uv is None or skin.uv_triangles is None:
+        return skin.colors, corners
+    if skin.colors is None:
+        return skin.uv, skin.uv_triangles
+    keys, flat = np.unique(skin.uv_triangles.astype(np.int64) << 32 | corners, return_inverse=True)
+    return np.concatenate([skin.uv[keys >> 32], skin.colors[keys & 0xFFFFFFFF]], axis=1), flat.reshape(-1, 3).astype(
+        np.int32
+    )
 
 
 def _islands(triangles: Ints, uv: Floats, group: Whole) -> NDArray[np.int64]:

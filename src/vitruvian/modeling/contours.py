@@ -103,6 +103,8 @@ def contoured(
     require(bool(made), "contours", "a segment with a surface round its bone", "none")
     for m in made:
         _cornered(cuts, m)
+    for above, below in zip(made, made[1:], strict=False):
+        _alike(cuts, above.surface, below.surface)
     error = shape_error(cuts.body, [m.surface for m in made])
     return ContourBody(_assembled(humanoid, made, _pieces(cuts, made), cuts), error, cuts.scale)
 
@@ -335,6 +337,18 @@ def _cornered(cuts: Cuts, made: Made) -> None:
         s.uv_corners = found.reshape(len(group), each, 4, 2)
 
 
+def _alike(cuts: Cuts, above: ContourSurface, below: ContourSurface) -> None:
+    """Where a border of the map runs along the seam of two surfaces, the faces below it show what those above do there."""
+    a, b = above.points, below.points
+    if above.uv is None or below.uv is None or cuts.charts is None or a.shape[1] != b.shape[1] or (a[-1] != b[0]).any():
+        return
+    of = lambda s: corners(s.uv, s.closed) if s.uv_corners is None else s.uv_corners  # noqa: E731
+    upper, lower = of(above)[-1][:, [3, 2]], of(below).copy()
+    for n in np.flatnonzero((upper != lower[0, :, :2]).any(axis=(1, 2))).tolist():
+        lower[0, n] = cuts.charts.continued(corners(b, below.closed)[0, n], upper[n])
+        below.uv_corners = lower
+
+
 def _most(cuts: Cuts, made: Made) -> int:
     """The part of the skin that most points of a surface lie on, -1: none."""
     face = made.rings.face[made.rings.face >= 0]
@@ -344,9 +358,8 @@ def _most(cuts: Cuts, made: Made) -> int:
 def _pieces(cuts: Cuts, made: list[Made]) -> Skin:
     """Head, hands, feet, shoulders and hips: the skin without what is in contours, sewn to them."""
     skeleton, weights = cuts.body.skeleton, cuts.skin.weights
-    numbers = [
-        np.arange(m.surface.points[..., 0].size, dtype=np.int32).reshape(m.surface.points.shape[:2]) for m in made
-    ]
+    surfaces = [m.surface for m in made]
+    numbers = [np.arange(s.points.size // 3, dtype=np.int32).reshape(s.points.shape[:2]) for s in surfaces]
     packed = organised([(m.joint, m.surface, n) for m, n in zip(made, numbers, strict=True)], skeleton)
     cloth = Cloth(cuts.skin, cuts.sliced, cuts.corners, cuts.charts)
     ends = [(m, p, end) for m, p in zip(made, packed, strict=True) for end in (0, -1) if m.ends[end]]
@@ -371,11 +384,12 @@ def _loop(cuts: Cuts, made: Made, packed: Contours, end: int) -> Loop:
     k = end % len(packed)
     ring = Rings(made.rings.points[k : k + 1], made.rings.face[k : k + 1], made.rings.barycentric[k : k + 1])
     joints, weights = equivalent(packed, max(int(cuts.body.skeleton.parents[packed.joints[0]]), 0))
-    size = ring.radius
-    name = f"{made.surface.name} {'first' if end == 0 else 'last'}"
+    size, s = ring.radius, made.surface
+    shown = None if s.uv_corners is None or not s.closed else s.uv_corners[end][:, [0, 1] if end == 0 else [3, 2]]
+    name = f"{s.name} {'first' if end == 0 else 'last'}"
     return Loop(
         name, made.centers[k], made.axis[k], FRONT, made.angles, ring, -1 if end == 0 else 1,
-        min(0.16 * size, 0.8 * CLEAR * cuts.scale), 0.8 * size, joints, weights[k],
+        min(0.16 * size, 0.8 * CLEAR * cuts.scale), 0.8 * size, joints, weights[k], shown=shown,
     )  # fmt: skip
 
 
@@ -383,8 +397,7 @@ def _met(cuts: Cuts, loop: Loop, made: Made, end: int) -> Loop | None:
     """The loop at an end of a surface of a figure in segments, to be sewn to the segment beyond it, which is cut where it
     first goes all round, or into which a hole is bored; None where none does, which is said."""
     mine, code = np.zeros(len(cuts.skin.triangles), bool), made.regions[end]
-    chosen = cuts.triangles(code)
-    mine[chosen] = True
+    mine[chosen := cuts.triangles(code)] = True
     if made.bored[end]:
         return replace(loop, only=mine, bored=True)
     for gap in loop.gap * np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ _WHOLE = ("trunk", "head")
 def humanoid_figure(humanoid: Humanoid, landmarks: Mapping[str, Floats] | None = None) -> Figure:
     """A humanoid at rest; the built-in person without its clothes and hair, with the skin that they hide."""
     places = landmarks if landmarks is not None else feature_points(humanoid)
-    if _bare(humanoid):
+    if bare(humanoid):
         return Figure(humanoid.skin_coord[: source.BODY], source.array("triangles"), places, built_in_parts())
     joints = humanoid.joints()
     moving = [s.triangles for s in humanoid.skin if s.points is None and len(s.triangles)]
@@ -69,7 +70,7 @@ def built_in_parts() -> NDArray[np.str_]:
     return _named(list(anatomy.names()), part_of(joints), strongest[source.array("triangles")])
 
 
-def _bare(humanoid: Humanoid) -> bool:
+def bare(humanoid: Humanoid) -> bool:
     """Whether the points are those of the built-in person, some of whose skin is left out below clothes."""
     if len(humanoid.skin_coord) < source.BODY:
         return False
@@ -84,18 +85,24 @@ def _bare(humanoid: Humanoid) -> bool:
     return False
 
 
-def surface_figure(mesh: Surface, landmarks: Mapping[str, Floats] | None, unit: str | None) -> Figure:
-    """A surface turned upright and brought to metres by its landmarks, or by what is found on it."""
-    from vitruvian.modeling.landmarks import UNITS, checked, detect
+def surface_frame(landmarks: Mapping[str, Any], unit: str | None) -> tuple[Floats, float, dict[str, Floats]]:
+    """The turn (3,3) that stands a surface upright, metres per unit of it, and its landmarks, checked, as they are."""
+    from vitruvian.modeling.landmarks import UNITS, checked
 
     if unit is not None and unit not in UNITS:
         raise VitruvianError(f"unit: expected one of {', '.join(UNITS)}, found {unit!r}")
+    seen = checked(landmarks)
+    return _upright(seen.points), UNITS[unit or seen.unit], seen.points
+
+
+def surface_figure(mesh: Surface, landmarks: Mapping[str, Floats] | None, unit: str | None) -> Figure:
+    """A surface turned upright and brought to metres by its landmarks, or by what is found on it."""
+    from vitruvian.modeling.landmarks import detect
+
     given = {n: p for n, (p, _) in detect(mesh).items()} if landmarks is None else dict(landmarks)
-    seen = checked(given)
-    metres = UNITS[unit or seen.unit]
-    turn = _upright(seen.points)
+    turn, metres, seen = surface_frame(given, unit)
     points = np.asarray(mesh.vertices, dtype=np.float64) @ turn.T * metres
-    return figure_of(points, mesh.triangles, {n: turn @ p * metres for n, p in seen.points.items()})
+    return figure_of(points, mesh.triangles, {n: turn @ p * metres for n, p in seen.items()})
 
 
 def _upright(points: Mapping[str, Floats]) -> Floats:

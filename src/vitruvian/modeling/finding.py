@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,17 +62,34 @@ class _Way:
     who: Likeness
 
 
-def found(mesh: Surface) -> Found:
+def found(mesh: Surface, progress: Callable[[int, int], None] | None = None) -> Found:
     """The person in a scan; see `vitruvian.modeling.landmarks.detect`."""
     points, triangles = cleaned(mesh)
+    done = 0
+
+    def step(total: int = 12) -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done, total), total)
+
     model = rough()
-    ways = [w for up in ("+y", "+z") for w in _ways(model, points, triangles, up)]
-    if not ways or min(w.score for w in ways) > RARE:  # upside down is rare
-        ways += [w for up in ("-y", "-z") for w in _ways(model, points, triangles, up)]
+    step()
+    ways: list[_Way] = []
+    for ups in (("+y", "+z"), ("-y", "-z")):
+        if ups == ("+y", "+z") or not ways or min(w.score for w in ways) > RARE:  # upside down is rare
+            for way in (w for up in ups for w in _ways(model, points, triangles, up)):
+                ways.append(way)
+                step()
     if not ways:
-        raise VitruvianError("scan: expected an upright person, found nothing that is taller than wide")
+        raise VitruvianError(
+            "scan: expected one upright person (Y or Z up), found nothing that is taller than wide; turn it upright, cut "
+            "people who touch apart, or give landmarks"
+        )
     ways.sort(key=lambda w: w.score)
-    ways[:3] = [_settled(model, w) for w in ways[:3]]
+    for k, way in enumerate(ways[:3]):
+        ways[k] = _settled(model, way)
+        step()
     ways.sort(key=lambda w: w.score)
     best = ways[0]
     if best.score > NONE:
@@ -89,6 +107,7 @@ def found(mesh: Surface) -> Found:
     if sure < 0.5:
         warn("scan: front and back look alike; left and right of the feature points may be swapped")
     who = settle(model, best.who, best.target, rounds=16, every=1, spread=(0.05, 0.012))
+    step()
     now = posed(model, who)
     places = refined(model, now, best.target)
     turn = UPS[best.up]
@@ -108,14 +127,13 @@ def found(mesh: Surface) -> Found:
     return Found(out, best.up, upright, best.scale, best.piece, final)
 
 
-def _ways(model: Rough, points: Floats, triangles: np.ndarray, up: str) -> list[_Way]:
+def _ways(model: Rough, points: Floats, triangles: np.ndarray, up: str) -> Iterator[_Way]:
     """Every part of the scan that may be a person with that axis up, both ways round."""
     turn = UPS[up]
     upright = points @ turn.T
     keep = without_floor(upright, triangles, np.array([0.0, 1.0, 0.0]))
     if keep.sum() < 50:
-        return []
-    out = []
+        return
     for piece in pieces(points, triangles[keep]):
         there = piece.points @ turn.T
         if np.ptp(there[:, 1]) < 0.75 * np.ptp(there, axis=0).max():
@@ -128,8 +146,7 @@ def _ways(model: Rough, points: Floats, triangles: np.ndarray, up: str) -> list[
         for sign in (1.0, -1.0):
             first = begun(model, target, sign * across)
             who = settle(model, first, target, rounds=8, every=7, spread=(0.15, 0.06), shape=0.6)
-            out.append(_Way(score(model, who, target), up, sign, piece, target, foot, scale, who))
-    return out
+            yield _Way(score(model, who, target), up, sign, piece, target, foot, scale, who)
 
 
 def _settled(model: Rough, way: _Way) -> _Way:

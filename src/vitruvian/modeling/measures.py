@@ -10,7 +10,7 @@ counts.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,15 @@ LIMBS: dict[str, tuple[str, tuple[float, ...], tuple[str, ...]]] = {
 }
 
 
+# straight lengths along the axes of limbs, from where the part begins to where it ends
+LENGTHS: dict[str, str] = {
+    "upper arm": "middle of acromion and armpit to the middle of the elbow",
+    "forearm": "middle of the elbow to the middle of the wrist",
+    "thigh": "middle of trochanterion and crotch to the middle of the knee",
+    "shank": "middle of the knee to the middle of the ankle",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Figure:
     """A body to be measured, upright, facing +Z, metres: points (V,3), triangles (T,3), places of feature points.
@@ -80,13 +89,16 @@ class Figure:
 @dataclass(frozen=True, eq=False)
 class Measures:
     """What a body measures. values: name -> metres; contours: name (with `l_`, `r_` for limbs) -> (N,3) closed tape,
-    the first point not repeated; volume in m3, mass in kg, masses: Segment -> kg (empty for a plain surface)."""
+    the first point not repeated; volume in m3, mass in kg, masses and volumes: Segment -> kg and
+    m3 (empty for a plain surface); limbs: straight lengths of the parts of arms and legs, metres, as `LENGTHS` says."""
 
     values: dict[str, float]
     contours: dict[str, Floats]
     volume: float
     mass: float
     masses: dict[str, float]
+    limbs: dict[str, float] = field(default_factory=dict)
+    volumes: dict[str, float] = field(default_factory=dict)
 
 
 def tape(
@@ -257,6 +269,19 @@ class _Taker:
         return float(np.mean(out))
 
 
+def limbs_of(figure: Figure) -> dict[str, float]:
+    """Lengths of the parts of both arms and legs, metres, those that the figure has the feature points for."""
+    taker, out = _Taker(figure), {}
+    for kind in LENGTHS:
+        for side in ("l_", "r_"):
+            try:
+                a, b = taker.limb(side, kind)
+            except KeyError:
+                continue
+            out[side + kind.replace(" ", "_")] = float(np.linalg.norm(b - a))
+    return out
+
+
 def axis_of(figure: Figure, name: str, side: str) -> tuple[Floats, Floats]:
     """Where the axis goes through the middle of a girth (3,), and its unit direction (3,); KeyError as `taken` skips."""
     planes = _Taker(figure).planes(name, side)
@@ -300,14 +325,15 @@ def measures(body: Any, landmarks: Mapping[str, Floats] | None = None, *, unit: 
         if not own:
             own = {n: m.mass for n, m in mass.masses(body).items()}
         weight = sum(own.values())
+        room = {n: m.mass / mass.DENSITY for n, m in mass.masses(body).items()}
     else:
         mesh: scans.Surface = body
-        figure, own, weight = surface_figure(mesh, landmarks, unit), {}, 0.0
+        figure, own, weight, room = surface_figure(mesh, landmarks, unit), {}, 0.0, {}
     found = taken(figure)
     if not found.values:
         raise VitruvianError("measures: expected feature points (Sites such as l_acromion_pt), found none that serve")
     volume = mass.solid(figure.points, figure.triangles).mass / 1000.0
-    return Measures(found.values, found.contours, volume, weight or volume * mass.DENSITY, own)
+    return Measures(found.values, found.contours, volume, weight or volume * mass.DENSITY, own, limbs_of(figure), room)
 
 
 def figure_of(points: Floats, triangles: Ints, places: Mapping[str, Floats], parts: Any = None) -> Figure:

@@ -9,6 +9,7 @@ Source: cross-section deformation of H-Anim bodies, section on organising existi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -16,9 +17,11 @@ import numpy as np
 from vitruvian.body.contours import distal_shares, own_shares
 from vitruvian.body.types import Floats, Ints, require
 from vitruvian.errors import VitruvianError
-from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.humanoid import ContourSurface, Humanoid, Joint, Segment, Shape
+from vitruvian.hanim.tables import canonical
 from vitruvian.modeling.loops import checked, directed_loops, welded
 from vitruvian.modeling.slicing import Whole, cotangents
+from vitruvian.motion.names import VERTEBRAE
 
 MODES = ("auto", "reorder", "field", "resample")
 
@@ -283,22 +286,79 @@ def segments(humanoid: Humanoid, *, mode: str = "auto") -> list[SegmentReport]:
 
     A surface's near end is its joint's centre, its far end the middle of the centres of the joints below.
     """
-    out = []
+    return [report for _, _, _, report, _ in _each(humanoid, mode, False)]
+
+
+def rearranged(humanoid: Humanoid, *, mode: str = "auto") -> tuple[Humanoid, list[SegmentReport]]:
+    """A humanoid whose Segments have their surfaces in contours, and the reports of all of them.
+
+    What comes out as contours ("reorder", "resample") becomes a contour surface without ramps, which moves as the Segment
+    did until it is given some; on the spine they run from the neck down, and bend as a trunk does. All others, and those
+    that a border of the texture runs across, stay as they are.
+    """
+    out, reports = humanoid.copied(), []
+    for joint, segment, shape, report, found in _each(out, mode, True):
+        reports.append(report)
+        if found is None or found.points is None:
+            continue
+        points, looks = found.points, found.uv
+        spine = canonical(joint.name) in VERTEBRAE
+        if spine and points[0, :, 1].mean() < points[-1, :, 1].mean():
+            points, looks = points[::-1, ::-1], None if looks is None else looks[::-1, ::-1]
+        surface = ContourSurface(
+            f"{segment.name}_def", points.copy(), extra=0 if spine else len(points), material=shape.material
+        )
+        if sum(c.name.startswith(surface.name) for c in segment.contours):
+            surface.name += str(len(segment.contours) + 1)
+        if looks is not None:
+            surface.uv = None if shape.uv is None else looks[..., :2].copy()
+            surface.colors = None if shape.colors is None else looks[..., -3:].copy()
+        segment.contours.append(surface)
+        segment.shapes = [s for s in segment.shapes if s is not shape]
+    return out, reports
+
+
+def _each(
+    humanoid: Humanoid, mode: str, looks: bool
+) -> Iterator[tuple[Joint, Segment, Shape, SegmentReport, Organised | None]]:
+    """What organising each surface comes to, None where it can't be; `looks`: textures and colours have to come along."""
     for joint in {id(j): j for j in humanoid.joints()}.values():
         below = [j.center for j in joint.joints]
         far = np.mean(below, axis=0) if below else None
         for segment in joint.segments:
-            for n, shape in enumerate(segment.shapes):
+            shapes = list(segment.shapes)
+            for n, shape in enumerate(shapes):
                 if shape.points is None or not len(shape.triangles):
                     continue
                 points = np.asarray(shape.points, np.float64)
                 if shape.transform is not None:
                     points = points @ shape.transform[:3, :3].T + shape.transform[:3, 3]
-                name = segment.name if len(segment.shapes) == 1 else f"{segment.name} {shape.name or n}"
+                name = segment.name if len(shapes) == 1 else f"{segment.name} {shape.name or n}"
+                found = None
                 try:
-                    found = organise(points, shape.triangles, np.asarray(joint.center), far, mode=mode, name=name)
+                    found = organise(
+                        points, shape.triangles, np.asarray(joint.center), far, mode=mode, name=name,
+                        uv=_looks(shape, len(points), name) if looks else None,
+                    )  # fmt: skip
                     row = (found.mode, "; ".join(found.refused), found.error)
                 except VitruvianError as error:
                     row = ("", str(error), (0.0, 0.0))
-                out.append(SegmentReport(name, joint.name, len(points), *row))
-    return out
+                yield joint, segment, shape, SegmentReport(name, joint.name, len(points), *row), found
+
+
+def _looks(shape: Shape, count: int, name: str) -> Floats | None:
+    """(V,2..5) texture coordinates and colours of a shape's points, None where it has neither."""
+    columns = []
+    if shape.uv is not None:
+        index = shape.triangles if shape.uv_triangles is None else shape.uv_triangles
+        uv = np.zeros((count, 2))
+        uv[shape.triangles] = np.asarray(shape.uv, np.float64)[index]
+        other = np.flatnonzero((uv[shape.triangles] != shape.uv[index]).any(axis=(1, 2)))
+        if len(other):
+            raise VitruvianError(
+                f"{name}: expected one pair of texture coordinates at each point, found others on triangle {other[0]}"
+            )
+        columns.append(uv)
+    if shape.colors is not None:
+        columns.append(np.asarray(shape.colors, np.float64)[:, :3])
+    return np.concatenate(columns, axis=1) if columns else None

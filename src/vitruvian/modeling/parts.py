@@ -18,6 +18,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.hanim import tables
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, Material, Shape
 from vitruvian.hanim.segmenting import triangle_joints
+from vitruvian.modeling.grafting import brought, met, taken_over
 from vitruvian.modeling.rows import chosen
 
 Whole = NDArray[np.int64]
@@ -100,7 +101,9 @@ def join(pieces: Mapping[str, Piece | Humanoid]) -> Humanoid:
     Pieces of the body's own figure go back to their places, to the bit (indices of weights and displacers come out rising).
     Another figure's piece, or any Humanoid with a skin (a decimated piece), comes with its points, weights by the names of
     joints, and looks; where its open edges meet those of the cut, points at the same place become one and gaps are closed.
-    It should be where it belongs: nothing is moved. Raises VitruvianError without a "body" that `split` made.
+    Its joint (that of `PARTS`, or called as the part) is brought to the body's, its edge to the cut, and the body's joints
+    and Sites from there on move to the part's. Raises VitruvianError without a "body" that `split` made, and for edges that
+    are nowhere near the cut.
     """
     body = pieces.get(BODY)
     if not isinstance(body, Piece):
@@ -113,7 +116,10 @@ def join(pieces: Mapping[str, Piece | Humanoid]) -> Humanoid:
     cuts = np.concatenate([np.searchsorted(rows, p.rows[p.rim]) for p in own.values()])
     for name, piece in pieces.items():
         if name not in own:
-            joined, cuts = _with(joined, cuts, piece)
+            root = PARTS.get(name, name)
+            figure = brought(piece.humanoid if isinstance(piece, Piece) else piece, joined, root)
+            joined, cuts = _with(joined, cuts, figure, piece.rim if isinstance(piece, Piece) else None)
+            taken_over(joined, figure, root)
     return joined.settled()
 
 
@@ -311,11 +317,11 @@ def _one(parts: list[Displacer]) -> Displacer:
     return replace(parts[0], coord_index=index[order].astype(np.int32), displacements=moves)
 
 
-def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoid, Whole]:
-    """A figure and a part of another, closed along `cuts` (e,2), open edges of the figure; and the cuts that are left."""
+def _with(base: Humanoid, cuts: Whole, figure: Humanoid, rim: Ints | None) -> tuple[Humanoid, Whole]:
+    """A figure and a part of another with open edges `rim` (e,2), closed along `cuts` (e,2), open edges of the figure; and
+    the cuts that are left."""
     from scipy.spatial import cKDTree
 
-    figure = piece.humanoid if isinstance(piece, Piece) else piece
     moving = [s for s in figure.skin if s.points is None and len(s.triangles)]
     faces = np.concatenate([np.zeros((0, 3), np.int32), *(s.triangles for s in moving)])
     count, more = len(base.skin_coord), len(figure.skin_coord)
@@ -323,14 +329,15 @@ def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoi
     if not len(cuts) or not len(faces):
         raise VitruvianError("join: expected a part with a skin, and a body with a cut for it")
     tree = cKDTree(base.skin_coord[ends])
-    if isinstance(piece, Piece):
-        rim = piece.rim.astype(np.int64)
-    else:
+    if rim is None:
         place = np.unique(figure.skin_coord + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
-        rim = _sides(faces)[_alone(place[faces].astype(np.int64), len(place))]
-        rim = rim[(tree.query(figure.skin_coord)[0] < _REACH)[rim].all(axis=1)]
+        edges = _sides(faces)[_alone(place[faces].astype(np.int64), len(place))]
+        edge = edges[(tree.query(figure.skin_coord)[0] < _REACH)[edges].all(axis=1)].astype(np.int64)
+    else:
+        edge = rim.astype(np.int64)
+    figure = replace(figure, skin_coord=met(figure.skin_coord, edge, base.skin_coord[cuts]))
     far, near = tree.query(figure.skin_coord)
-    on_rim = np.isin(np.arange(more), rim) & (far < _SAME)
+    on_rim = np.isin(np.arange(more), edge) & (far < _SAME)
     rows = np.where(on_rim, ends[near], 0)
     rows[~on_rim] = count + np.arange(int((~on_rim).sum()))
     rows = rows.astype(np.int32)
@@ -356,7 +363,7 @@ def _with(base: Humanoid, cuts: Whole, piece: Piece | Humanoid) -> tuple[Humanoi
             )  # fmt: skip
         )
     _influences(out, [(base, np.arange(count, dtype=np.int32)), (figure, rows)])
-    theirs = rows[rim].astype(np.int64)
+    theirs = rows[edge].astype(np.int64)
     near_part = cKDTree(out.skin_coord[np.unique(theirs)]) if len(theirs) else None
     close = np.zeros(len(cuts), bool)
     if near_part is not None:

@@ -123,7 +123,7 @@ def figure(
     """The humanoid of points (n,3), joint centres (146,3) and bone ends at rest."""
     joints = anatomy.skeleton(loa, centers)
     body = slice(0, source.BODY)
-    mass = anatomy.add_masses(joints, where[body], _body_pieces(loa))
+    mass = anatomy.add_masses(joints, where[body], body_pieces(loa))
     anatomy.add_sites(joints, loa, feature_places(where), ends)
     for joint, (index, weight) in zip(joints.values(), _held(assembly.keys, loa), strict=True):
         joint.skin_coord_index, joint.skin_coord_weight = index.copy(), weight.copy()
@@ -249,7 +249,7 @@ def _folding(loa: int) -> csr_matrix:
 
 
 @cache
-def _body_pieces(loa: int) -> Wedges:
+def body_pieces(loa: int) -> Wedges:
     """How the bare body falls into one piece per joint: every triangle follows its joint of greatest weight."""
     triangles = source.array("triangles")
     weights = (weight_matrix()[: source.BODY] @ _folding(loa)).tocsr()

@@ -5,7 +5,7 @@ Source: seed 003, section 3.2 (attachment data after the shape has changed); not
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -13,22 +13,24 @@ import numpy as np
 
 from vitruvian.body import rotations as rot
 from vitruvian.body.pack import pack
-from vitruvian.body.types import Body, Floats, Ints, Weights
+from vitruvian.body.types import Body, Floats, Ints, Weights, floats
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Site
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling import bones as bo
 from vitruvian.modeling.bones import Bones
-from vitruvian.modeling.crossings import crossings
+from vitruvian.modeling.crossings import crossings, uncrossed
 from vitruvian.modeling.likeness import shape_of
-from vitruvian.modeling.person import assemble, figure, parents_matrix, resting, weight_matrix
+from vitruvian.modeling.person import Assembly, assemble, figure, parents_matrix, resting, weight_matrix
+from vitruvian.modeling.recentring import recentred
 from vitruvian.modeling.rest import at_rest
-from vitruvian.modeling.shape import shaped
-from vitruvian.modeling.shrink import laplacian
+from vitruvian.modeling.shape import Shape, shaped
 from vitruvian.modeling.template import Template
 from vitruvian.modeling.transfer import dressed
 from vitruvian.motion.types import Motion
 
 NEAR = 12
+CLEARANCES = (0.025, 0.06)  # metres
+ARMS = ("elbow", "carpal", "carpo")
 
 
 @cache
@@ -96,35 +98,80 @@ def rested_person(
     # offsets in the A pose: those on the scan, turned and stretched back
     rigid = frame.turn @ np.linalg.inv(straight.turn)
     _, turned = bo.skinned(full[: source.BODY], template.weights, _with(rigid))
-    offset = np.linalg.solve(turned, (points - model)[..., None])[..., 0]
+    offset = floats(np.linalg.solve(turned, (points - model)[..., None])[..., 0], "offsets", None, 3)
     weights = _source_weights()
     flesh = bo.skinned(full[: source.POINTS], weights, scaled)[0] + _followers() @ offset
+    model = bo.skinned(full[: source.BODY], template.weights, scaled)[0]
+    here, away = recentred(template, values, model, offset, straight.place, frame)
+    middle, frame = straight.place + here, replace(frame, place=frame.place + away)
     places = {n: i for i, n in enumerate(anatomy.names())}
-    ends = {n: scaled[places[n], :3, :3] @ p + scaled[places[n], :3, 3] for n, p in anatomy.ends(full).items()}
+    ends = {
+        n: scaled[places[n], :3, :3] @ p + scaled[places[n], :3, 3] + here[places[n]]
+        for n, p in anatomy.ends(full).items()
+    }
     assembly = assemble(np.concatenate([flesh, full[source.POINTS :]]), sliders, **look)
-    where, middle, moved_ends, rest = resting(assembly, straight.place, ends)
+    args = (template, frame, assembly, middle, ends, sliders, points, name)
+    best = _laid(*args, 0.0)
+    for clearance in CLEARANCES:  # arms that touch the trunk are let go of
+        if best.touching:
+            best = min(best, _laid(*args, clearance), key=lambda tried: tried.touching)
+    where, matrices = best.where, best.matrices
+    plain = at_rest(middle, model, _whole(template), best.rest)[0]
+    fresh = uncrossed(plain, best.fresh, template.triangles, template.stiff > 0.3)
+    change = fresh - where[: source.BODY]
+    where = where + parents_matrix(assembly.keys) @ (_followers() @ change)
+    humanoid = figure(sliders, assembly, where, best.middle, best.ends, loa=loa, name=name)
+    body = pack(humanoid)
+    return humanoid, pose_of(body, {n: to_scan @ matrices[places[n]] for n in body.skeleton.names})
+
+
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """A person at rest: `where` (n,3) the points as the sliders have them, `fresh` (13380,3) the fitted skin, `middle`
+    (146,3) joint centres and `ends` of bones, `matrices` (146,4,4) from rest to the scan and `rest` (146,4,4) from the A
+    pose to rest; `touching`: how many pairs of triangles of forearms or hands and of something else cross."""
+
+    where: Floats
+    fresh: Floats
+    middle: Floats
+    ends: dict[str, Floats]
+    matrices: Floats
+    rest: Floats
+    touching: int
+
+
+def _laid(
+    template: Template,
+    frame: bo.Frame,
+    assembly: Assembly,
+    centers: Floats,
+    ends: dict[str, Floats],
+    sliders: Shape,
+    points: Floats,
+    name: str,
+    clearance: float,
+) -> _Laid:
+    """The person at rest, its hands that much (m) farther from the hips than usual."""
+    where, middle, moved_ends, rest = resting(assembly, centers, ends, clearance)
     # the pose: from rest to the scan
     turns = frame.turn @ rest[:, :3, :3].transpose(0, 2, 1)
     matrices = np.tile(np.eye(4), (len(turns), 1, 1))
     matrices[:, :3, :3] = turns
     matrices[:, :3, 3] = frame.place - np.einsum("jab,jb->ja", turns, middle)
-    humanoid = figure(sliders, assembly, where, middle, moved_ends, loa=4, name=name)
-    body = pack(humanoid)
-    names = list(body.skeleton.names)
-    order = [places[n] for n in names]
-    here = matrices[order]
+    body = pack(figure(sliders, assembly, where, middle, moved_ends, loa=4, name=name))
+    places = {n: i for i, n in enumerate(anatomy.names())}
     target = body.skin.rest.copy()
     target[: source.BODY] = points
-    fresh = dressed(body, target, here)[: source.BODY]
-    plain = at_rest(
-        straight.place, bo.skinned(full[: source.BODY], template.weights, scaled)[0], _whole(template), rest
-    )[0]
-    fresh = _apart(plain, fresh, template.triangles, template.stiff > 0.3)
-    change = fresh - where[: source.BODY]
-    where = where + parents_matrix(assembly.keys) @ (_followers() @ change)
-    humanoid = figure(sliders, assembly, where, middle, moved_ends, loa=loa, name=name)
-    body = pack(humanoid)
-    return humanoid, pose_of(body, {n: to_scan @ matrices[places[n]] for n in body.skeleton.names})
+    fresh = dressed(body, target, matrices[[places[n] for n in body.skeleton.names]])[: source.BODY]
+    arms = template.weights @ np.array([any(w in n for w in ARMS) for n in template.names], np.float64) > 0.5
+    touching = _mixed(crossings(fresh, template.triangles), arms[template.triangles])
+    return _Laid(where, fresh, middle, moved_ends, matrices, rest, touching)
+
+
+def _mixed(pairs: Ints, arms: Any) -> int:
+    """How many pairs (n,2) of triangles are one of the arms and one of the rest; arms (t,3) of their corners."""
+    one, two = arms[pairs[:, 0]].all(axis=1), arms[pairs[:, 1]].all(axis=1)
+    return int((one != two).sum())
 
 
 def rested_body(
@@ -211,28 +258,6 @@ def _whole(template: Template) -> Weights:
     rows = template.weights.tocsr()
     rows.sort_indices()
     return Weights(rows.indptr, rows.indices, rows.data)
-
-
-def _apart(plain: Floats, shaped_: Floats, triangles: Ints, small: Any, rounds: int = 5) -> Floats:
-    """The shaped points (v,3) at rest, nearer to the plain ones where `small` parts (v,), such as fingers and
-    lids, cross that did not before; arms that rest against a wide trunk are left to the pose."""
-    before = {tuple(p) for p in np.sort(crossings(plain, triangles), axis=1).tolist()}
-    share, near = np.ones(len(plain)), abs(laplacian(plain, triangles)) > 0
-    points = shaped_
-    for _ in range(rounds):
-        now = np.sort(crossings(points, triangles), axis=1)
-        fresh = [p for p in now.tolist() if tuple(p) not in before]
-        if len(now) <= len(before):
-            break
-        some = np.zeros(len(plain), bool)
-        some[triangles[np.array(fresh)].ravel()] = True
-        some |= (near @ some) > 0
-        share[some & small] *= 0.5
-        soft = share
-        for _ in range(2):
-            soft = np.minimum(share, (near @ soft) / np.maximum(near.sum(axis=1), 1))
-        points = plain + soft[:, None] * (shaped_ - plain)
-    return points
 
 
 def pose_of(body: Body, matrices: dict[str, Floats]) -> Motion:

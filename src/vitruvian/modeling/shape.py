@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from math import prod
 
 import numpy as np
 
-from vitruvian.body.types import Floats
+from vitruvian.body.types import Floats, Ints
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.modeling.source import array, manifest, points, target
 
@@ -111,6 +110,17 @@ def _macros() -> dict[str, tuple[str, ...]]:
     return {name: words for name, words in split.items() if known.issuperset(words)}
 
 
+@cache
+def _macro_words() -> tuple[tuple[str, ...], tuple[str, ...], Ints]:
+    """Names of the macro targets (T,), the words that these are made of (W,), and (L,T) which: W where there is none."""
+    macros = _macros()
+    words = tuple(sorted({w for parts in macros.values() for w in parts}))
+    place = {w: k for k, w in enumerate(words)}
+    longest = max(len(parts) for parts in macros.values())
+    rows = [[place[w] for w in parts] + [len(words)] * (longest - len(parts)) for parts in macros.values()]
+    return tuple(macros), words, np.array(rows, np.int32).T
+
+
 def details() -> list[str]:
     """Names of the detail sliders: pairs of targets that differ in their last word, such as `measure-waist-circ`."""
     names = {n.rsplit("-", 1)[0] for n in manifest()["targets"] if n not in _macros() and n.endswith(("decr", "incr"))}
@@ -120,11 +130,12 @@ def details() -> list[str]:
 def factors(shape: Shape) -> dict[str, float]:
     """Target name -> factor, of those that are not zero."""
     words = word_factors(shape)
-    found = {}
-    for name, parts in _macros().items():
-        value = prod(words[p] for p in parts)
-        if value:
-            found[name] = value
+    names, used, place = _macro_words()
+    amount = np.array([*(words[w] for w in used), 1.0])
+    total = amount[place[0]]
+    for column in place[1:]:
+        total = total * amount[column]
+    found = {names[k]: float(total[k]) for k in np.flatnonzero(total).tolist()}
     known = manifest()["targets"]
     wanted: dict[str, float] = {}
     for slider, table in BUILD.items():

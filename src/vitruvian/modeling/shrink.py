@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,20 @@ class Scan:
     normals: Floats
     border: Flags
 
+    @cached_property
+    def tree(self) -> Any:
+        """For closest points."""
+        import igl
+
+        tree = igl.AABB()
+        tree.init(self.vertices, self.corners)
+        return tree
+
+    @cached_property
+    def corners(self) -> NDArray[np.int64]:
+        """The triangles, as the tree wants them."""
+        return self.triangles.astype(np.int64)
+
     def turned(self) -> Scan:
         """The same inside out."""
         return Scan(self.vertices, np.ascontiguousarray(self.triangles[:, ::-1]), -self.normals, self.border)
@@ -52,10 +67,11 @@ class Match:
 
 
 def surface_of(vertices: Floats, triangles: Ints) -> tuple[Scan, int]:
-    """A scan for matching; points of triangle soups are taken together where they are at one place.
-    Also how many edges have more than two triangles."""
-    place, same = np.unique(np.round(vertices, 7), axis=0, return_inverse=True)
-    t = same.reshape(-1)[triangles]
+    """A scan for matching, of the points that triangles have; those of triangle soups are taken together where they are
+    at one place. Also how many edges have more than two triangles."""
+    used, corner = np.unique(triangles, return_inverse=True)
+    place, same = np.unique(np.round(vertices[used], 7), axis=0, return_inverse=True)
+    t = same.reshape(-1)[corner.reshape(-1, 3)]
     t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
     edges = np.sort(t[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     keys, count = np.unique(edges[:, 0].astype(np.int64) * len(place) + edges[:, 1], return_counts=True)
@@ -82,9 +98,7 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
 
 def closest(points: Floats, scan: Scan) -> tuple[Floats, Floats, Ints, Floats]:
     """Of points (n,3): distance (n,), closest point (n,3), its triangle (n,) and barycentric coordinates (n,3)."""
-    import igl
-
-    squared, face, foot = igl.point_mesh_squared_distance(points, scan.vertices, scan.triangles.astype(np.int64))[:3]
+    squared, face, foot = scan.tree.squared_distance(scan.vertices, scan.corners, np.ascontiguousarray(points))[:3]
     face = np.asarray(face).reshape(-1).astype(np.int32)
     foot = np.asarray(foot, np.float64).reshape(-1, 3)
     return np.sqrt(np.asarray(squared).reshape(-1)), foot, face, barycentric(scan.vertices[scan.triangles[face]], foot)
@@ -167,17 +181,18 @@ def folds(before: Floats, after: Floats, triangles: Ints) -> Flags:
 
 
 def unfolded(before: Floats, step: Floats, triangles: Ints, smooth: Any, rounds: int = 6) -> tuple[Floats, int]:
-    """Positions (n,3) after a step (n,3) that is halved where it would fold triangles, and how many folds are left."""
+    """Positions (n,3) after a step (n,3) that is halved where it would fold triangles, and at last not taken there; and how
+    many folds are left."""
     share = np.ones(len(before))
     near = abs(smooth) > 0
     after = before + step
-    for _ in range(rounds):
+    for k in range(2 * rounds):
         bad = folds(before, after, triangles)
         if not bad.any():
             return after, 0
         some = np.zeros(len(before), bool)
         some[triangles[bad]] = True
         some |= (near @ some) > 0
-        share[some] *= 0.5
+        share[some] *= 0.5 if k < rounds else 0.0
         after = before + share[:, None] * step
     return after, int(folds(before, after, triangles).sum())

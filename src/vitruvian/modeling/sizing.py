@@ -95,9 +95,9 @@ def solved(shape: Shape, wishes: dict[str, float], kilograms: float | None = Non
     high = np.array([WEIGHTS[1] if k == "weight" else 1.0 for k in keys] + [1.0] * more)
     best = np.array([_value(shape, k) for k in keys] + [0.0] * more)
     first = np.arange(count + more) < count + bool(stretch)
-    best, missing = _search(answer, wanted, best, low, high, first)
+    best, missing = search(answer, wanted, best, low, high, first)
     if girths and (np.abs(missing) > CLOSE).any():
-        best, missing = _search(answer, wanted, best, low, high, first | (np.arange(count + more) > count))
+        best, missing = search(answer, wanted, best, low, high, first | (np.arange(count + more) > count))
     found = made(best)
     for name, miss, want in zip([*wishes, "weight"], missing, wanted, strict=False):
         if name == "weight" and abs(miss) > HEAVY * KG:
@@ -146,7 +146,7 @@ def body_mass(points: Floats) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6 * DENSITY)
 
 
-def _search(
+def search(
     answer: Callable[[Floats], Floats],
     wanted: Floats,
     start: Floats,

@@ -41,6 +41,11 @@ def array(name: str) -> np.ndarray:
     return _archive("base")[name]
 
 
+def tied(name: str) -> np.ndarray:
+    """Of the joints that are tied to the skin, in triples: `joint`, `vertex` and its `share` of the joint's centre."""
+    return _archive("joints")[name]
+
+
 @cache
 def points() -> Floats:
     """(19158 + 326, 3) the base mesh and bone ends, metres."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints, Part, Skin, Weights
-from vitruvian.modeling.charts import Charts
+from vitruvian.modeling.charts import Charts, looks
 from vitruvian.modeling.loops import divided, zipped
 from vitruvian.modeling.slicing import Rings, Whole, frames, section
 
@@ -29,7 +29,8 @@ class Loop:
     1) or on the other (-1), and is cut `gap` (m) beyond the contour. joints (n,) and weights (n,): how the contour
     moves, said as skin weights; over `reach` (m) the skin's own weights become those. only (T,): triangles of
     the skin that may be cut, None for all. bored: the skin is not cut by the plane but by a tube round the contour, where
-    a surface closes over it.
+    a surface closes over it. shown (P,2,2): the texture coordinates of the two ends of each of its edges,
+    where faces of the contours have others than points.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Loop:
     weights: Floats
     only: Mask | None = None
     bored: bool = False
+    shown: Floats | None = None
 
     @property
     def beyond(self) -> Floats:
@@ -71,7 +73,7 @@ class Cloth:
         """`sliced`: the triangles that may be cut. `corners` (T,3): into the skin's colours. `charts`: of the skin, where
         it has texture coordinates."""
         self.rest, self.triangles = skin.rest, skin.triangles
-        self.uv, self.corners = _looks(skin, corners)
+        self.uv, self.corners = looks(skin, corners)
         self.first, self.looks = self.corners, self.uv
         self.part = np.repeat(np.arange(len(skin.parts)), [p.stop - p.start for p in skin.parts])
         self.origin = np.arange(len(skin.triangles))
@@ -273,14 +275,16 @@ class Cloth:
         b = np.maximum.accumulate(b - 2 * np.pi * np.round(b[0] / (2 * np.pi)))
         a, b = np.append(a, 2 * np.pi), np.append(b, max(b[0] + 2 * np.pi, b[-1]))
         i = j = 0
-        faces = []
+        faces, edge = [], []
         while i < each or j < len(line):
             p, q, l, m = ring[i % each], ring[(i + 1) % each], line[j % len(line)], line[(j + 1) % len(line)]  # noqa: E741
             if j == len(line) or (i < each and a[i + 1] <= b[j + 1]):
                 faces.append((p, q, l))
+                edge.append(i)
                 i += 1
             else:
                 faces.append((p, m, l))
+                edge.append(-1)
                 j += 1
         strip = np.array(faces, np.int32)
         if loop.side > 0:  # the skin is below its contour
@@ -292,17 +296,20 @@ class Cloth:
             there = [lies[v] for v in beside] if loop.bored else loop.ring.face[0]
             lies |= dict(zip(ring.tolist(), there, strict=True))
             on = np.array([[lies[v] for v in row] for row in strip.tolist()], np.int64)
-            uv = self._shown(self.charts, strip, on, uv, self._home(line))
+            uv = self._shown(self.charts, strip, on, uv, self._home(line), np.array(edge), loop)
         self._add(strip, uv, line)
         return ring
 
-    def _shown(self, charts: Charts, strip: Ints, on: Whole, looks: Ints, part: int) -> Ints:
+    def _shown(self, charts: Charts, strip: Ints, on: Whole, looks: Ints, part: int, edge: Whole, loop: Loop) -> Ints:
         """(n,3) what corners of sewn triangles (n,3) look like, each triangle on one island of the map of its part: those
         that they lie `on` (n,3) and their `looks` (n,3) there, and more where these lie on others."""
         assert self.uv is not None
         own = self.uv[looks]
         group = np.full(len(strip), charts.of_parts[part])
         found = charts.mapped(self.rest[strip], on, own[..., :2], group)
+        if loop.shown is not None and not loop.bored:
+            turn = slice(None, None, -1 if loop.side > 0 else 1)  # the ends of edges first
+            found = charts.sewn(self.rest[strip][:, turn], found[:, turn], edge, loop.shown)[:, turn]
         other = (found != own[..., :2]).any(axis=-1)
         more = np.concatenate([found[other], own[other][:, 2:]], axis=1)
         out = looks.copy()
@@ -474,18 +481,6 @@ class Cloth:
             Weights.from_pairs(len(used), vertex, joint, table[used][vertex, joint]), uv, uv_triangles,
             colors, tuple(parts), tuple(morphs),
         )  # fmt: skip
-
-
-def _looks(skin: Skin, corners: Ints) -> tuple[Floats | None, Ints]:
-    """What corners of triangles look like (n,k), texture coordinates before colours, and which each has (T,3)."""
-    if skin.uv is None or skin.uv_triangles is None:
-        return skin.colors, corners
-    if skin.colors is None:
-        return skin.uv, skin.uv_triangles
-    keys, flat = np.unique(skin.uv_triangles.astype(np.int64) << 32 | corners, return_inverse=True)
-    return np.concatenate([skin.uv[keys >> 32], skin.colors[keys & 0xFFFFFFFF]], axis=1), flat.reshape(-1, 3).astype(
-        np.int32
-    )
 
 
 def _between(values: Floats, pairs: Whole, share: Floats) -> Floats:

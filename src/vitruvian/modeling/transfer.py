@@ -11,17 +11,19 @@ the dress pose, seed 003, section 3.2: p_d of each influence is computed anew.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Ints, Skin, Weights, floats, indices, require
+from vitruvian.body.types import Body, Floats, Ints, Skeleton, Skin, Weights, floats, indices, require
 from vitruvian.deform.deformer import deformer
 from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError, warn
+from vitruvian.modeling.regions import strayed
 from vitruvian.modeling.slicing import barycentric, cotangents
+from vitruvian.modeling.weights import table
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -51,6 +53,7 @@ def transfer(
     body: Body,
     mesh: Surface,
     *,
+    skeleton: Skeleton | None = None,
     matrices: Floats | None = None,
     operator: str = "log",
     distance: float = 0.03,
@@ -59,12 +62,50 @@ def transfer(
     """The skin of another surface, such as a garment, that follows a body: (V,3) at rest with weights of its own.
 
     The mesh (metres, humanoid space) lies on the body at rest, or as it is with joint matrices (J,4,4) under `operator`;
-    then it is taken back to the dress pose. Only skin no farther than `distance` (metres) and turned by no more than
+    then it is taken back to the dress pose. With `skeleton`, that of a body of other size and shape in the same pose whose
+    joints have the body's names, the mesh is that body's surface: the skin is brought onto it first (`modeling.aligning`);
+    weights are for the joints of `body`, as ever. Only skin no farther than `distance` (metres) and turned by no more than
     `angle` (radians) against the surface gives weights; a part of the mesh where none is so takes the nearest, with a
     warning. Surfaces that are inside out are understood. Texture coordinates come along.
     Raises VitruvianError for a body without triangles, for shapes and options that do not fit, and where a transform
     cannot be undone.
     """
+    made = match(body, mesh, skeleton=skeleton, matrices=matrices, operator=operator, distance=distance, angle=angle)
+    return made.said().skin
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A transfer: the new `skin` (n vertices), `source` (V,3), where the body's own skin was put to meet it, `foot` (n,V)
+    sparse: which points of that skin are nearest to each vertex, and `blend` (n,V): the same without those that were not
+    near enough, whose weights were filled in. `lost`: how many vertices are on pieces that are near to no skin at all."""
+
+    skin: Skin
+    source: Floats
+    blend: csr_array
+    foot: csr_array
+    lost: int = 0
+
+    def said(self, few: float = 0.0) -> Matched:
+        """Itself, after a warning where more than a share of `few` are lost."""
+        count = len(self.skin.rest)
+        if self.lost > few * count:
+            found = f"{self.lost} of {count} points lie on parts that are nowhere close to the skin"
+            warn(f"transfer: {found}; they follow the nearest")
+        return self
+
+
+def match(
+    body: Body,
+    mesh: Surface,
+    *,
+    skeleton: Skeleton | None = None,
+    matrices: Floats | None = None,
+    operator: str = "log",
+    distance: float = 0.03,
+    angle: float = np.pi / 4,
+) -> Matched:
+    """As `transfer`, with what else can be carried over by the same points."""
     vertices = floats(mesh.vertices, "vertices", None, 3)
     triangles = indices(mesh.triangles, "triangles", len(vertices), None, 3)
     require(len(vertices) > 0, "transfer", "a mesh with vertices", "none")
@@ -72,15 +113,29 @@ def transfer(
     require(getattr(mesh, "unit", "m") == "m", "transfer", "a mesh in metres", getattr(mesh, "unit", "m"))
     require(distance > 0, "distance", "more than 0 metres", distance)
     require(0 < angle <= np.pi, "angle", "0 to pi radians", angle)
+    require(skeleton is None or matrices is None, "transfer", "a skeleton or matrices", "both")
     skin = body.skin.rest
     if matrices is not None:
         require(operator in OPERATORS, "operator", " or ".join(map(repr, OPERATORS)), repr(operator))
         skin = deformer(operator, body)(matrices).astype(np.float64)
+    if skeleton is not None:
+        from vitruvian.modeling.aligning import aligned
+
+        require(len(triangles) > 0, "transfer", "a mesh with triangles", "none")
+        skin = aligned(body, vertices, triangles, skeleton)
     place, same = np.unique(vertices, axis=0, return_inverse=True)
     same = same.reshape(-1)
     faces = same[triangles].astype(np.int32)
-    weights, near = _nearest(body, skin, place, faces, distance, np.cos(angle))
-    filled = _filled(weights, near, place, faces)
+    blend, near = _nearest(body, skin, place, faces, distance, np.cos(angle), whole=skeleton is not None)
+    weights = blend @ table(body.skin.weights, len(body.skeleton))
+    links = cotangents(place, faces, 1 / STEEP, STEEP)
+    lost = _lost(near, links)
+    some = near | lost
+    joint = np.zeros(len(place), np.int32)
+    joint[some] = weights[some].argmax(axis=1).ravel()
+    wrong = strayed(some, joint, place, faces, body.skeleton)
+    near &= ~wrong
+    filled = _filled(weights, some & ~wrong, links)
     rows = filled[same].tocoo()
     keep = rows.data > LIGHT
     pairs = Weights.from_pairs(len(vertices), rows.row[keep], rows.col[keep], rows.data[keep])
@@ -88,10 +143,14 @@ def transfer(
     pairs = Weights(pairs.row, pairs.joint, pairs.weight * total[pairs.vertex])
     uv, seams = getattr(mesh, "uv", None), getattr(mesh, "uv_triangles", None)
     out = Skin(vertices, triangles, pairs, uv, triangles if uv is not None and seams is None else seams)
-    if matrices is None:
-        return out
-    worn = replace(body, skin=out, contours=())
-    return replace(out, rest=dressed(worn, vertices, matrices, operator=operator))
+    if matrices is not None:
+        worn = replace(body, skin=out, contours=())
+        out = replace(out, rest=dressed(worn, vertices, matrices, operator=operator))
+    from scipy.sparse import diags_array
+
+    return Matched(
+        out, skin, (diags_array(near.astype(np.float64)) @ blend).tocsr()[same], blend[same], int(lost[same].sum())
+    )
 
 
 def dressed(body: Body, points: Floats, matrices: Floats, *, operator: str = "log") -> Floats:
@@ -113,46 +172,64 @@ def dressed(body: Body, points: Floats, matrices: Floats, *, operator: str = "lo
 
 
 def _nearest(
-    body: Body, skin: Floats, place: Floats, faces: Ints, distance: float, cosine: float
+    body: Body, skin: Floats, place: Floats, faces: Ints, distance: float, cosine: float, *, whole: bool = False
 ) -> tuple[csr_array, NDArray[np.bool_]]:
-    """(n,J) sparse: weights of the skin's nearest points; (n,) whether these are near enough and face the same way."""
-    import igl
-    from scipy.sparse import csr_array
+    """(n,V) sparse: which points of the skin are nearest; (n,) whether these are near enough and face the same way.
 
-    t = body.skin.triangles
-    squared, face, foot = igl.point_mesh_squared_distance(place, skin, t.astype(np.int64))[:3]
-    corners = t[np.asarray(face).reshape(-1)]
-    share = barycentric(skin[corners], np.asarray(foot, np.float64))
-    count, joints = len(place), len(body.skeleton)
-    blend = csr_array((share.ravel(), corners.ravel(), np.arange(0, 3 * count + 1, 3)), shape=(count, len(skin)))
-    w = body.skin.weights
-    weights = blend @ csr_array((w.weight, w.joint, w.row), shape=(len(skin), joints))
+    `whole`: the mesh is all of a body; its largest piece answers to the skin's largest piece, not to lashes or clothes;
+    the rest answers to what is seen.
+    """
+    from vitruvian.modeling.aligning import main_piece, uncovered
+
+    t, every = body.skin.triangles, uncovered(body.skin).triangles
     own, theirs = (
         mesh_normals(incidence(p, f), p[None].astype(np.float32))[0].astype(np.float64)
-        for p, f in ((place, faces), (skin, t))
+        for p, f in ((place, faces), (skin, every))
     )
-    agree = np.einsum("na,na->n", own, np.einsum("nk,nka->na", share, theirs[corners]))
-    close = np.asarray(squared).reshape(-1) <= distance**2
+    blend, squared = _feet(place, skin, t)
+    if whole:
+        from scipy.sparse import diags_array
+
+        main = np.zeros(len(place), bool)
+        main[main_piece(place, faces)] = True
+        found, far = _feet(place[main], skin, main_piece(body.skin.rest, every))
+        number = np.cumsum(main) - 1
+        blend = (diags_array((~main) * 1.0) @ blend + diags_array(main * 1.0) @ found[np.maximum(number, 0)]).tocsr()
+        squared[main] = far
+    agree = np.einsum("na,na->n", own, blend @ theirs)
+    close = squared <= distance**2
     if agree[close].sum() < 0:  # inside out
         agree = -agree
-    return weights, close & (agree >= cosine)
+    return blend, close & (agree >= cosine)
 
 
-def _filled(weights: csr_array, near: NDArray[np.bool_], place: Floats, faces: Ints) -> csr_array:
-    """(n,J) sparse: `weights` where `near`, elsewhere harmonic over the surface. Parts without any keep theirs."""
-    from scipy.sparse import csr_array, diags_array, vstack
+def _feet(place: Floats, skin: Floats, t: Ints) -> tuple[csr_array, Floats]:
+    """(n,V) sparse: the nearest points of a skin's triangles (t,3) to places (n,3), and their squared distances (n,)."""
+    import igl
+
+    from vitruvian.modeling.shrink import blend
+
+    squared, face, foot = igl.point_mesh_squared_distance(place, skin, t.astype(np.int64))[:3]
+    corners = t[np.asarray(face).reshape(-1)]
+    share = barycentric(skin[corners], np.asarray(foot, np.float64).reshape(-1, 3))
+    return blend(corners, share, len(skin)), np.asarray(squared, np.float64).reshape(-1)
+
+
+def _lost(near: NDArray[np.bool_], links: csr_array) -> NDArray[np.bool_]:
+    """(n,) points on parts of the surface without any that is `near`."""
     from scipy.sparse.csgraph import connected_components
-    from scipy.sparse.linalg import splu
 
-    n = len(place)
-    links = cotangents(place, faces, 1 / STEEP, STEEP)
     part = connected_components(links, directed=False)[1]
     known = np.bincount(part, near, minlength=part.max(initial=-1) + 1) > 0
-    lost = ~known[part]
-    if lost.any():
-        found = f"{int(lost.sum())} of {n} points lie on parts that are nowhere close to the skin"
-        warn(f"transfer: {found}; they follow the nearest")
-    fixed = near | lost
+    return np.asarray(~known[part], bool)
+
+
+def _filled(weights: csr_array, fixed: NDArray[np.bool_], links: csr_array) -> csr_array:
+    """(n,J) sparse: `weights` where `fixed`, elsewhere harmonic over the surface."""
+    from scipy.sparse import csr_array, diags_array, vstack
+    from scipy.sparse.linalg import splu
+
+    n = len(fixed)
     free = np.flatnonzero(~fixed)
     if not len(free):
         return weights

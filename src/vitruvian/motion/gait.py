@@ -348,7 +348,7 @@ def _foot_way(
     bend = np.where(stands, np.where(pitch > 0, 0.4 * pitch, bend), airy)
     ankle[:, 1] += _clearance(roll, ankle, pitch, bend, fly)
     tuck = np.radians(4.0) * np.sin(np.pi * fly) ** 2
-    foot = compose(np.full(len(own), turn), pitch, -sign * tuck)
+    foot = compose(np.full(len(own), turn), pitch, about(np.eye(3)[2], -sign * tuck))
     out = np.stack([way[:, 0], ankle[:, 1] + floor, ankle[:, 0] + way[:, 1]], axis=-1)
     return out, foot, bend
 

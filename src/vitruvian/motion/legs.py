@@ -18,6 +18,9 @@ from vitruvian.motion.turns import about, positions, unit
 
 REACH = 0.995  # of the straight leg; beyond it knees lock and snap
 UP = np.array([0.0, 1.0, 0.0])
+STIFFEST = 0.15  # radians of bend that a straight knee counts as, where the hips go
+CALM = 0.015  # seconds in which the hips' place may change
+STAYS = 0.05  # how much they stay over the floor where they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,18 +76,27 @@ def bend_leg(
 
 
 def heading(foot: Floats) -> tuple[Floats, Floats, Floats]:
-    """Yaw, pitch (toes up is positive) and roll (F,) of a foot's world rotation: foot = yaw * pitch * roll."""
-    front = rotate(foot, np.array([0.0, 0.0, 1.0]))
-    yaw = np.arctan2(front[..., 0], front[..., 2])
-    pitch = np.arcsin(np.clip(front[..., 1], -1.0, 1.0))
-    rest = multiply(inverse(compose(yaw, pitch, np.zeros_like(yaw))), foot)
-    return yaw, pitch, 2 * np.arctan2(rest[..., 2], rest[..., 3])
+    """Yaw, pitch (toes up is positive) (F,) and rest (F,4) of a foot's world rotation: foot = compose(yaw, pitch, rest).
+
+    A foot that points straight down heads where its instep shows, and one that is bent back further still does.
+    """
+    front, up = rotate(foot, np.array([0.0, 0.0, 1.0])), rotate(foot, UP)
+    steep = smooth((np.abs(front[..., 1]) - 0.8) / 0.15)
+    beyond = (up[..., 1] < 0) & (np.abs(front[..., 1]) > 0.8)
+    level = np.hypot(front[..., 0], front[..., 2])
+    pitch = np.arctan2(front[..., 1], np.where(beyond, -level, level))
+    flat = front / np.maximum(level, 1e-9)[..., None] * np.where(beyond, -1.0, 1.0)[..., None]
+    instep = -np.sign(front[..., 1:2]) * up / np.maximum(np.hypot(up[..., 0], up[..., 2]), 1e-9)[..., None]
+    ahead = flat + steep[..., None] * (instep - flat)
+    yaw = np.arctan2(ahead[..., 0], ahead[..., 2])
+    return yaw, pitch, multiply(inverse(compose(yaw, pitch)), foot)
 
 
-def compose(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
-    """World rotation (F,4) of a foot from its yaw, pitch and roll."""
-    x, y, z = np.eye(3)
-    return multiply(multiply(about(y, yaw), about(x, -np.asarray(pitch))), about(z, roll))
+def compose(yaw: Floats, pitch: Floats, rest: Floats | None = None) -> Floats:
+    """World rotation (F,4) of a foot from its yaw, pitch and the rest (F,4), None: nothing."""
+    x, y, _ = np.eye(3)
+    turned = multiply(about(y, yaw), about(x, -np.asarray(pitch)))
+    return turned if rest is None else multiply(turned, rest)
 
 
 def ease(flags: NDArray[np.bool_], frames: float) -> Floats:
@@ -146,6 +158,9 @@ def plant(
     c = skeleton.centers
     place = positions(skeleton.parents, c, world, move)
     goals = {leg.side: _steps(skeleton, leg, world, place, holds[leg.side], floor, fps, blend) for leg in limbs}
+    lean = _lean(place, limbs, goals, fps)
+    move += lean
+    place += lean[:, None]
     sink = np.zeros(len(move))
     # knees may be as straight as they are in the clip, but no straighter than that or REACH
     straight = {}
@@ -169,6 +184,44 @@ def plant(
         _carry(skeleton, leg.ankle, before, world)
         _flatten_toes(skeleton, leg, world, ease(hold.ball, blend * fps))
     return world, move
+
+
+def _lean(
+    place: Floats, limbs: tuple[Leg, ...], goals: Mapping[str, tuple[Floats, Floats, Foothold]], fps: float
+) -> Floats:
+    """(F,3) where the hips go, smoothly, for knees to stay as bent as they are over feet that are put down.
+
+    Least squares over time: the length each leg asks for, the more the straighter it is (then millimetres cost degrees),
+    against second differences and, on the floor, against going at all.
+    """
+    from scipy.linalg import solveh_banded
+
+    count = len(place)
+    shift = np.zeros((count, 3))
+    smooth = (CALM * fps) ** 4
+    for _ in range(2):
+        normal, asked = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        for leg in limbs:
+            goal = goals[leg.side][0]
+            far = np.linalg.norm(place[:, leg.ankle] - place[:, leg.hip], axis=1)
+            way = place[:, leg.hip] + shift - goal
+            long = np.linalg.norm(way, axis=1)
+            along = way / np.maximum(long, 1e-9)[:, None]
+            bend = 2 * np.arccos(np.clip(far / leg.length, -1.0, 1.0))
+            own = 1 / (bend + STIFFEST) ** 2
+            wish = np.clip(far - long, -0.1 * leg.length, 0.1 * leg.length) + np.sum(along * shift, axis=1)
+            normal += own[:, None, None] * along[:, :, None] * along[:, None, :]
+            asked += (own * wish)[:, None] * along
+        scale = max(float(normal[:, 1, 1].mean()), 1e-12)
+        normal, asked = normal / scale + np.diag([STAYS, 1e-6, STAYS]), asked / scale
+        bands = np.zeros((7, 3 * count))  # x, y, z of a frame, then of the next; from the diagonal down
+        for row in range(3):
+            for axis in range(3 - row):
+                bands[row, axis::3] = normal[:, axis + row, axis]
+        for row, column, value in ((0, 0, 1.0), (0, 1, 4.0), (0, 2, 1.0), (1, 0, -2.0), (1, 1, -2.0), (2, 0, 1.0)):
+            bands[3 * row, 3 * column : 3 * (count - 2 + column)] += smooth * value
+        shift = solveh_banded(bands, asked.ravel(), lower=True).reshape(count, 3)
+    return shift
 
 
 def _carry(skeleton: Skeleton, joint: int, before: Floats, world: Floats) -> None:
@@ -199,15 +252,15 @@ def _steps(
     ankle = place[:, leg.ankle]
     raw_heel, raw_ball = (ankle + rotate(world[:, leg.ankle], p - c[leg.ankle]) for p in (leg.heel, leg.pivot))
     hold = _split(hold, (raw_heel, raw_ball), fps)
-    yaw, pitch, roll = heading(world[:, leg.ankle])
+    yaw, pitch, rest = heading(world[:, leg.ankle])
     hold = _rolling(hold, pitch)
     on_heel, on_ball = ease(hold.heel, 0.5 * blend * fps), ease(hold.ball, blend * fps)
     pitch = np.maximum(pitch, 0.0) * (1 - on_ball) + np.minimum(pitch, 0.0) * (1 - on_heel)
     # who turns on one end of the foot keeps the other a little off the floor
     on_one = on_heel * (1 - on_ball) - on_ball * (1 - on_heel)
     pitch = pitch + on_one * np.maximum(np.radians(3.0) - np.abs(pitch), 0.0)
-    roll = roll * (1 - np.maximum(on_heel, on_ball))
-    foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, roll)
+    rest = slerp(rest, np.array([0.0, 0.0, 0.0, 1.0]), np.maximum(on_heel, on_ball))
+    foot = compose(_steady(np.unwrap(yaw), hold.heel & hold.ball, fps), pitch, rest)
     heel = ankle + rotate(foot, leg.heel - c[leg.ankle])
     ball = ankle + rotate(foot, leg.pivot - c[leg.ankle])
     stands = hold.heel | hold.ball

@@ -1,8 +1,8 @@
 """What joints of other rigs are called, and which H-Anim joint each one is.
 
 Known: CMU (both families of BVH names), ASF, Mixamo, MakeHuman (default rig and old BVH), Unity and VRM, Blender and
-Rigify, Biped of 3ds Max, SMPL, H-Anim 1.x and 2.0. Names are compared without side, case, separators and the rig's
-prefix (`mixamorig:LeftUpLeg` is "upleg" on the left).
+Rigify, Biped of 3ds Max, MotionBuilder, SMPL, OpenSim bodies, H-Anim 1.x and 2.0. Names are compared without side,
+case, separators and the rig's prefix (`mixamorig:LeftUpLeg` is "upleg" on the left).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FINGER_JOINTS = {
 _MIDDLE = {
     "humanoid_root": "hips hip pelvis root humanoidroot humanoid bip bip01 bip001",
     SPINE: "spine spine0 spine1 spine2 spine3 spine4 spine5 spine01 spine02 spine03 spine04 spine05 spine001 spine002 "
-    "spine003 lowerback lowback chest chest1 chest2 chest3 chest4 upperchest torso abdomen thorax upperback waist",
+    "spine003 lowerback lowback chest chest1 chest2 chest3 chest4 upperchest torso abdomen lumbar thorax upperback waist",
     NECK: "neck neck0 neck1 neck2 neck01 neck02 neck03 lowerneck upperneck spine004 spine005",
     "skullbase": "head spine006 skull",
     "temporomandibular": "jaw",
@@ -39,16 +39,18 @@ _MIDDLE = {
 _SIDED = {
     "hip": "upleg upperleg upperleg01 thigh hip femur",
     "knee": "leg lowleg loleg lowerleg lowerleg01 knee shin calf tibia",
-    "talocrural": "foot ankle",
+    "talocrural": "foot ankle talus",
+    "talocalcaneonavicular": "calcn calcaneus",
     "metatarsophalangeal_2": "toe toes toebase toe0 toe1-1 ball foot",
     "sternoclavicular": "clavicle clavicula collar collarbone shoulder scapula",
     "acromioclavicular": "shoulder01",
     "shoulder": "arm uparm upperarm upperarm01 shoulder humerus",
-    "elbow": "forearm lowarm loarm lowerarm lowerarm01 elbow radius",
+    "elbow": "forearm lowarm loarm lowerarm lowerarm01 elbow ulna radius",
     "radiocarpal": "hand wrist",
     "eyeball_joint": "eye",
 }
 _STUCK = "hand|clavicle|humerus|radius|wrist|femur|tibia|foot|toes|thumb|fingers"  # after a bare l or r, as in ASF
+_PREFIX = r"^(Bip\d*|Character\d*|mixamorig\d*|DEF|ORG|J_Bip_C|J_Bip|J_Sec|CC_Base|m_avg|ValveBiped\.Bip\d*)[ _\-.]+"
 _UPPER_ARM = {"arm", "uparm", "upperarm", "upperarm01", "humerus"}
 # A word is this joint only if the same side has (True) or has not (False) one of those words too: what is called "hand"
 # in a rig with a "wrist" is the palm, a "shoulder" beside an "arm" is the collar bone.
@@ -56,6 +58,7 @@ _WHEN = {
     ("sternoclavicular", "shoulder"): (True, _UPPER_ARM),
     ("shoulder", "shoulder"): (False, _UPPER_ARM),
     ("radiocarpal", "hand"): (False, {"wrist"}),
+    ("elbow", "radius"): (False, {"ulna"}),  # beside an ulna it turns the forearm
     ("talocrural", "foot"): (False, {"ankle"}),
     ("metatarsophalangeal_2", "foot"): (True, {"ankle"}),
     ("knee", "leg"): (False, {"lowleg", "loleg", "lowerleg", "knee", "shin", "calf"}),
@@ -89,7 +92,7 @@ def _words() -> tuple[dict[str, list[str]], dict[str, list[str]]]:
 def split_name(name: str) -> tuple[str, str]:
     """Side ("l", "r" or "") and bare lower-case word of a joint's name."""
     bare = re.sub(r"^.*[:|]", "", name.strip())
-    bare = re.sub(r"^(Bip\d*|Character\d*|DEF|ORG|J_Bip|J_Sec|CC_Base|m_avg|ValveBiped\.Bip\d*)[ _\-.]+", "", bare)
+    bare = re.sub(_PREFIX, "", bare)
     tokens = [t for t in re.split(r"[ _\-.]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", bare)) if t]
     side = ""
     for i, token in enumerate(tokens):

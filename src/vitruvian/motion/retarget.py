@@ -60,18 +60,19 @@ def retarget(
     facing = facing_of(source)
     align = _alignment(source, skeleton, target, facing)
     world, given = _transfer(source, skeleton, target, align, facing)
-    local = local_rotations(skeleton.parents, world)
-    for j, known in enumerate(given):
-        if not known:
-            local[:, j] = [0.0, 0.0, 0.0, 1.0]
+    local = np.zeros_like(world)
+    local[..., 3] = 1.0
+    known = np.flatnonzero(given)  # the others do not turn in their parents
+    above = skeleton.parents[known]
+    local[:, known] = np.where(above[:, None] < 0, world[:, known], multiply(inverse(world[:, above]), world[:, known]))
+    move, scale = _root(source, skeleton, target, world, root)
     if not _is_hanim(motion.skeleton):
         _untwist(local, skeleton, target, twist_to_elbow)
         _relax_fingers(local, skeleton, target, given)
-    world = world_rotations(skeleton.parents, local)
-    move, scale = _root(source, skeleton, target, world, root)
     notes = [*notes, f"distances scaled by {scale:.3f}"]
     limbs = legs(skeleton)
     if feet and limbs and len(motion) > 1:
+        world = world_rotations(skeleton.parents, local)
         holds = footholds(skeleton, world, move, limbs, motion.fps)
         move[:, 1] += _ground(skeleton, world, move, limbs, holds)
         world, move = plant(skeleton, world, move, limbs, holds, motion.fps)
@@ -128,7 +129,17 @@ def _alignment(source: Source, skeleton: Skeleton, target: dict[str, int], facin
             for part in ("talocrural", "tarsometatarsal_2", "metatarsophalangeal_2", "tarsal_distal_interphalangeal_2"):
                 if f"{side}_{part}" in align:
                     align[f"{side}_{part}"] = foot
+        for name in _toes(source, target, side):
+            align[name] = align[f"{side}_metatarsophalangeal_2"]
     return align
+
+
+def _toes(source: Source, target: dict[str, int], side: str) -> list[str]:
+    """Joints of toes that follow the only one that the clip has, so that a shoe bends as one."""
+    toes = [f"{side}_metatarsophalangeal_{k}" for k in range(1, 6)]
+    if [n for n in toes if n in source.index] != [toes[1]] or toes[1] not in target:
+        return []
+    return [n for n in toes if n in target and n != toes[1]]
 
 
 def _swing(before: Floats, target: Floats, source: Floats) -> Floats:
@@ -230,6 +241,8 @@ def _transfer(
         # a thumb without fingers is CMU's: it shows where the palm is, but its angles flip from frame to frame
         if not any(f"{side}_{joint}" in drivers for k in range(2, 6) for joint in FINGER_JOINTS[k]):
             drivers.pop(f"{side}_carpometacarpal_1", None)
+        for name in _toes(source, target, side):
+            drivers[name] = drivers[f"{side}_metatarsophalangeal_2"]
     if base is not None and "humanoid_root" in target:
         drivers.setdefault("humanoid_root", base)
         drivers["humanoid_root"] = max(drivers["humanoid_root"], base)
@@ -365,13 +378,24 @@ def _root(source: Source, skeleton: Skeleton, target: dict[str, int], world: Flo
     theirs = [index[n] for n in hips] or [index["humanoid_root"]]
     ours = [target[n] for n in hips] or [0]
     his = source.place[:, theirs].mean(axis=1)
-    own = positions(skeleton.parents, c, world, np.zeros((len(world), 3)))[:, ours].mean(axis=1)
+    chain = sorted({k for j in ours for k in _upward(skeleton, j)})
+    parents = [chain.index(p) if (p := int(skeleton.parents[j])) >= 0 else -1 for j in chain]
+    place = positions(parents, c[chain], world[:, chain], np.zeros((len(world), 3)))
+    own = place[:, [chain.index(j) for j in ours]].mean(axis=1)
     if root == "keep":
         # distances on the floor as captured, heights still in proportion: legs have to reach the ground
         return np.stack([his[:, 0], his[:, 1] * scale, his[:, 2]], axis=1) - own, scale
     if not ratios:  # no legs to compare: the way from the rest pose
         return his - source.rest[theirs].mean(axis=0) + c[ours].mean(axis=0) - own, 1.0
     return his * scale - own, scale
+
+
+def _upward(skeleton: Skeleton, joint: int) -> list[int]:
+    """A joint and all those that it hangs from."""
+    found = [joint]
+    while skeleton.parents[found[-1]] >= 0:
+        found.append(int(skeleton.parents[found[-1]]))
+    return found
 
 
 def _ground(

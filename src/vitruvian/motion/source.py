@@ -8,14 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from vitruvian.body.rotations import from_matrix, inverse, multiply
+from vitruvian.body.rotations import from_matrix, inverse, multiply, rotate
 from vitruvian.body.types import Floats, Skeleton
 from vitruvian.errors import VitruvianError
+from vitruvian.motion.guess import guessed
 from vitruvian.motion.names import NECK, SPINE, match
 from vitruvian.motion.turns import positions, unit, world_rotations
 from vitruvian.motion.types import Motion
 
 UP = np.array([0.0, 1.0, 0.0])
+_LIMBS = ("hip", "knee", "talocrural", "shoulder", "elbow", "radiocarpal")
+FEWEST = 4  # of the twelve joints of limbs: with fewer known by name, the shape of a rig tells who is who
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,9 @@ def source_of(motion: Motion, names: Mapping[str, str] | None, rest_frame: int |
             f"names: the clip has no joint {sorted(unknown)[0]!r}; it has {', '.join(skeleton.names[:8])}, ..."
         )
     roles = match(skeleton.names, names)
+    notes: list[str] = []
+    if len({f"{side}_{part}" for side in "lr" for part in _LIMBS} & set(roles.values())) < FEWEST:
+        roles = _guessed(skeleton, {n: h for n, h in roles.items() if n in (names or {})}, notes) or roles
     twice = [h for h in roles.values() if h not in (SPINE, NECK) and list(roles.values()).count(h) > 1]
     if twice:
         raise VitruvianError(f"names: two joints of the clip are given to {twice[0]}; expected one")
@@ -87,7 +93,6 @@ def source_of(motion: Motion, names: Mapping[str, str] | None, rest_frame: int |
             f"names: no joint of the clip ({some}, ...) is known as hips; give names={{joint: H-Anim joint}}"
         )
     rotation, move, shift = motion.rotation, motion.translation, motion.joint_translation
-    notes = []
     if _odd_start(motion):
         # CMU's conversions begin with a row of zeros
         keep = np.r_[1, 1 : len(motion)]
@@ -104,7 +109,38 @@ def source_of(motion: Motion, names: Mapping[str, str] | None, rest_frame: int |
     lost = [n for n in skeleton.names if n not in roles and not n.startswith("__")]
     if lost:
         notes.append(f"not matched, carried by their neighbours: {', '.join(lost)}")
-    return Source(skeleton, index, trunk, rest, world, place, motion.fps), notes
+    source = Source(skeleton, index, trunk, rest, world, place, motion.fps)
+    if _sides_exchanged(source):
+        said = "left and right are exchanged: by these names the feet point backwards"
+        if any(h.startswith(("l_", "r_")) for h in (names or {}).values()):
+            raise VitruvianError(f"names: {said}; exchange l_ and r_ in the table")
+        notes.append(f"{said}; names= can say which is which")
+    return source, notes
+
+
+def _guessed(skeleton: Skeleton, own: dict[str, str], notes: list[str]) -> dict[str, str]:
+    """The roles that the shape of the skeleton tells, {} for none; those of the caller's table win. Says so in `notes`."""
+    shape = guessed(skeleton)
+    if not shape:
+        return {}
+    taken = set(own.values()) - {SPINE, NECK}
+    added = {n: h for n, h in shape.items() if n not in own and h not in taken}
+    pairs = ", ".join(f"{n}={h}" for n, h in added.items())
+    notes.append(f"names nobody knows, matched by the shape of the skeleton: {pairs}")
+    return own | added
+
+
+def _sides_exchanged(source: Source) -> bool:
+    """Whether both feet point backwards when left is where the names say."""
+    front = rotate(facing_of(source), np.array([0.0, 0.0, 1.0]))
+    back = []
+    for side in "lr":
+        ankle, toe = (source.index.get(f"{side}_{p}") for p in ("talocrural", "metatarsophalangeal_2"))
+        if ankle is None:
+            return False
+        end = source.rest[toe] if toe is not None else source.end(ankle)
+        back.append(end is not None and float(unit(end - source.rest[ankle]) @ front) < -0.3)
+    return all(back)
 
 
 def _odd_start(motion: Motion) -> bool:

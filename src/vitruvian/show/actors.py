@@ -21,9 +21,14 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
+from vitruvian.show.heat import Heat
 from vitruvian.show.keeping import features
+from vitruvian.show.marked import Marked
 from vitruvian.show.openness import openness, owners, reaches
+from vitruvian.show.posing import told as handled
 from vitruvian.show.programs import program_blocks
+from vitruvian.show.sticks import Sticks
+from vitruvian.show.textures import Sent
 from vitruvian.show.wire import Block, encode
 from vitruvian.stage.actor import travel
 from vitruvian.stage.clip import Clip, Mesh
@@ -59,6 +64,8 @@ class Actor:
     humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
     motion: Motion | None = None
     twin: Body | None = None  # the same body with contours, which the page compares with
+    heat: Heat | None = None  # how far it is from another surface
+    marked: Marked | None = None  # the markers that moved it
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -73,7 +80,7 @@ class Actor:
 
 
 def actors_of(things: Sequence[object], *, compare: bool = False) -> list[Actor]:
-    """An actor for each Clip, Humanoid, Body or Mesh, with names that differ; `VitruvianError` for anything else.
+    """An actor for each Clip, Humanoid, Body, Mesh, Heat, Marked or Sticks, with names that differ; `VitruvianError` else.
 
     `compare`: the first figure gets a twin that is sliced into contours (seconds), unless it has contours itself.
     """
@@ -128,6 +135,12 @@ def _sliced(actor: Actor) -> Body | None:
 
 
 def _actor(thing: object) -> Actor:
+    if isinstance(thing, Heat):
+        return replace(_actor(thing.thing), name=thing.name, heat=thing)
+    if isinstance(thing, Marked):
+        return replace(_actor(thing.clip), marked=thing)
+    if isinstance(thing, Sticks):
+        return _moving(thing.body, thing.motion, "linear")
     if isinstance(thing, Mesh):
         empty = np.zeros((1, 0, 12), np.float32)
         return Actor(thing.name or "object", None, thing, empty, np.zeros((1, 0), np.float32), 30.0)
@@ -160,20 +173,24 @@ def _moving(body: Body, motion: Motion | None, deformer: str, humanoid: Humanoid
     return Actor(body.name or "figure", body, None, poses, weights, fps, deformer, way, humanoid, motion)
 
 
-def mesh_messages(actor: Actor) -> list[bytes]:
-    """Everything about an actor and its twin that does not move: sent once, in this order."""
-    messages = [mesh_message(actor)]
+def mesh_messages(actor: Actor, sent: Sent | None = None) -> list[bytes]:
+    """Everything about an actor and its twin that does not move: sent once, in this order. `sent` collects pictures."""
+    sent = sent or Sent()
+    messages = [mesh_message(actor, sent)]
     if actor.twin is not None:
         name = f"{actor.name} in contours"
         twin = replace(actor, name=name, body=actor.twin, deformer="contours", humanoid=None)
-        messages.append(mesh_message(twin, twin=actor.name))
+        messages.append(mesh_message(twin, sent, twin=actor.name))
     return messages
 
 
-def mesh_message(actor: Actor, *, twin: str = "") -> bytes:
-    """Everything about an actor that does not move. `twin`: the actor that this is another surface of."""
+def mesh_message(actor: Actor, sent: Sent | None = None, *, twin: str = "") -> bytes:
+    """Everything about an actor that does not move. `sent`: pictures that pages have, which gets those of this actor;
+    `twin`: the actor that this is another surface of."""
+    sent = sent or Sent()
+    warm, told = _warm(actor)
     if actor.mesh is not None:
-        return _still(actor.name, actor.mesh)
+        return _still(actor.name, actor.mesh, warm, told)
     assert actor.body is not None
     body, skeleton, skin = actor.body, actor.body.skeleton, actor.body.skin
     source, triangles, uv = split_seams(skin)
@@ -209,12 +226,21 @@ def mesh_message(actor: Actor, *, twin: str = "") -> bytes:
             Block("morph_offset", f32(np.concatenate([m.offset for m in skin.morphs])), actor.name),
         ]
     blocks += program_blocks(body, actor.name)
+    blocks += warm
+    if actor.marked is not None:
+        told = {**told, "markers": list(actor.marked.names)}
+        blocks += [
+            Block("marker_joint", actor.marked.joint.astype(np.uint32), actor.name),
+            Block("marker_point", f32(actor.marked.point), actor.name),
+        ]
     fields: dict[str, Any] = {
         "actor": actor.name,
+        **told,
         "joints": list(skeleton.names),
         "parents": skeleton.parents.tolist(),
         **details(body, actor.humanoid),
-        "parts": [_part(p) for p in skin.parts],
+        "handles": handled(body),
+        "parts": [_part(p) | (sent.part(p) if uv is not None else {}) for p in skin.parts],
         "deformer": actor.deformer,
         "travel": actor.travel.tolist(),
         "frames": len(actor),
@@ -223,8 +249,16 @@ def mesh_message(actor: Actor, *, twin: str = "") -> bytes:
     return encode("mesh", fields | ({"twin": twin} if twin else {}), blocks)
 
 
-def _still(name: str, mesh: Mesh) -> bytes:
+def _warm(actor: Actor) -> tuple[list[Block], dict[str, Any]]:
+    """Distances of an actor from another surface, NaN where there are none, and what is said about them."""
+    if actor.heat is None:
+        return [], {}
+    return [Block("heat", actor.heat.gaps.mm.astype(np.float32), actor.name)], {"heat": actor.heat.told()}
+
+
+def _still(name: str, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> bytes:
     blocks = [
+        *warm,
         Block("rest", mesh.vertices.astype(np.float32), name),
         Block("triangles", mesh.triangles.astype(np.uint32), name),
     ]
@@ -235,6 +269,7 @@ def _still(name: str, mesh: Mesh) -> bytes:
     part = Part(mesh.name or "object", 0, len(mesh.triangles), double_sided=True)
     fields: dict[str, Any] = {
         "actor": name,
+        **told,
         "joints": [],
         "parents": [],
         "sites": [],

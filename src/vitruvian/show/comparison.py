@@ -153,7 +153,7 @@ def chequered(surface: Surface, places: Floats) -> Surface:
         return surface
     keep = {"eye", "hair", "gloss"}
     parts = tuple(
-        p if KINDS[kind_of(p.name)] in keep else replace(p, name="checked", color=_CLAY, roughness=0.6)
+        p if KINDS[kind_of(p.name)] in keep else replace(p, name="checked", color=_CLAY, roughness=0.6, picture=None)
         for p in surface.parts
     )
     colors = None

@@ -95,6 +95,10 @@ class Figure:
         self._creases = (
             creases(self.body.skin.rest, self.body.skin.triangles, self.body.skin.parts) if self.body else None
         )
+        self._uv = None
+        if self.body is not None and any(p.picture for p in self.body.skin.parts):
+            skin = self.body.skin
+            self._uv = None if skin.uv is None else skin.uv[skin.uv_triangles]
         self.fps = self.motion.fps if self.motion else 30.0
         self.seconds = self.motion.seconds if self.motion else 0.0
         self.placement = self.body.placement if self.body is not None else np.eye(4)
@@ -123,7 +127,7 @@ class Figure:
                 normals = None
                 if self._creases is not None:
                     normals = (self._creases @ face_normals(world, skin.triangles)).reshape(-1, 3, 3)
-                surface = Surface(world, skin.triangles, normals, skin.colors, skin.parts, skin.rest)
+                surface = Surface(world, skin.triangles, normals, skin.colors, skin.parts, skin.rest, uv=self._uv)
                 yield joined(surface, self._bones(m)) if self._sparse else surface
 
     def _matrices(self, times: Sequence[float]) -> tuple[Array, dict[str, Array]]:

@@ -16,12 +16,17 @@ _CHUNK = 1_500_000  # candidate pixels handled at once
 
 
 def rasterise(
-    xy: NDArray[np.float64], near: NDArray[np.float64], triangles: Ints, size: tuple[int, int]
+    xy: NDArray[np.float64],
+    near: NDArray[np.float64],
+    triangles: Ints,
+    size: tuple[int, int],
+    below: Single | None = None,
 ) -> tuple[NDArray[np.int64], Ints, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Which triangle is nearest at each pixel centre.
 
     xy (V,2) pixel positions (NaN: the triangles of that vertex are left out), near (V,) a value that is affine in the
-    picture and largest for the nearest (1/depth, or the height along a light). Returns, for the covered pixels, their
+    picture and largest for the nearest (1/depth, or the height along a light); `below` (pixels,): only smaller ones of it
+    count. Returns, for the covered pixels, their
     row-major index, triangle, screen barycentrics of its second and third vertex, and the value of `near`.
     """
     width, height = size
@@ -56,6 +61,9 @@ def rasterise(
         pixel = y[inside] * width + x[inside]
         n = near[triangles[triangle]]
         value = (1 - u - v) * n[:, 0] + u * n[:, 1] + v * n[:, 2]
+        if below is not None:
+            on = value < below[pixel]
+            triangle, u, v, pixel, value = triangle[on], u[on], v[on], pixel[on], value[on]
         np.maximum.at(best, pixel, value)
         found.append((pixel, triangle, u, v, value))
     if not found:
@@ -78,11 +86,14 @@ class Raster:
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
             self.middle, self.radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
 
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits:
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], beyond: Single | None = None
+    ) -> Hits:
         xy, depth = camera.project(self.vertices, size)
         near = 1 / np.where(depth > 1e-9, depth, np.nan)
         shift = np.array([0.5, 0.5]) - offset
-        pixel, triangle, u, v, value = rasterise(xy + shift, near, self.triangles, size)
+        below = None if beyond is None else 1 / (beyond * (1 + 2e-5))
+        pixel, triangle, u, v, value = rasterise(xy + shift, near, self.triangles, size, below)
         n = near[self.triangles[triangle]].reshape(-1, 3)  # screen barycentrics to those of the surface
         single = [(a).astype(np.float32) for a in (u * n[:, 1] / value, v * n[:, 2] / value, 1 / value)]
         return Hits(pixel, triangle, *single)

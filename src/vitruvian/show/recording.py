@@ -48,15 +48,24 @@ LOADER = """
 
 
 def record(
-    thing: object, path: str | Path, *, findings: Sequence[object] = (), title: str = "", compare: bool = False
+    thing: object,
+    path: str | Path,
+    *beside: object,
+    findings: Sequence[object] = (),
+    title: str = "",
+    compare: bool = False,
 ) -> dict[str, int]:
-    """Write one self-contained HTML file that plays a Clip (or Humanoid, Body, Mesh) without server or network.
+    """Write one self-contained HTML file that plays a Clip (or Humanoid, Body, Mesh, Heat), and what stands beside it,
+    without server or network.
 
     Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The page runs every
     deformer that the body is able to by itself, and compares them; with `compare` also with the body in contours.
     """
     showing = Showing(
-        actors_of([thing], compare=compare), [finding_fields(f) for f in findings], title, leave=(*PAGE, *SERVED)
+        actors_of([thing, *beside], compare=compare),
+        [finding_fields(f) for f in findings],
+        title,
+        leave=(*PAGE, *SERVED),
     )
     clip = b"".join(_framed(m) for m in messages(showing))
     code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
@@ -89,8 +98,9 @@ def record(
 
 
 def messages(showing: Showing) -> list[bytes]:
-    """Every message of a recording: hello, meshes, then one frame message per frame, each complete in itself."""
-    out = [showing.hello(), *showing.meshes]
+    """Every message of a recording: hello, pictures, meshes, then one frame message per frame, complete in itself."""
+    meshes = showing.meshes
+    out = [showing.hello(), *showing.pictures.values(), *meshes]
     stage, size = showing.stage, 0
     for n in range(showing.frames):
         stage.seek(n / showing.fps)

@@ -78,6 +78,15 @@ def split(surface: Surface, some: NDArray[np.bool_]) -> Surface:
     def both(values: NDArray) -> NDArray:
         return np.concatenate([values, (values[a] + values[b]) / 2])
 
+    uv = surface.uv
+    if uv is not None:  # of each corner: they may differ where faces meet
+        a0, b0, c0 = (uv[some, i] for i in range(3))
+        halves = [(a0 + b0) / 2, (b0 + c0) / 2, (c0 + a0) / 2]
+        corners = [a0, halves[0], halves[2], halves[0], b0, halves[1], halves[2], halves[1], c0, *halves]
+        fine = np.empty((stops[-1], 3, 2))
+        fine[np.repeat(some, counts)] = np.stack(corners, 1).reshape(-1, 3, 2)
+        fine[stops[:-1][~some]] = uv[~some]
+        uv = fine
     colors = None if surface.colors is None else both(surface.colors)
     rest = both(surface.vertices if surface.rest is None else surface.rest)
-    return Surface(np.concatenate([v, fresh]), triangles, unit(both(normal)), colors, parts, rest, unit(both(soft)))
+    return Surface(np.concatenate([v, fresh]), triangles, unit(both(normal)), colors, parts, rest, unit(both(soft)), uv)

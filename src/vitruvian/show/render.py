@@ -22,6 +22,7 @@ from vitruvian.show.surfaces import Soup, Surface, unit
 from vitruvian.show.trace import Hits, Single, Tracer, tile, tracer
 
 Pixels = NDArray[np.uint8]
+LAYERS = 6  # that holes of pictures may let through one another
 CALM = 0.995  # length of the mean of a pixel's normals above which they count as one
 
 
@@ -75,6 +76,8 @@ def render(
     back = camera.axes()[2]
     heading = float(np.degrees(np.arctan2(back[0], back[2])))
     opaque = soup.opacity[soup.part] > 0.999
+    if soup.textures is not None:
+        opaque &= ~soup.textures.clear
     solid = tracer(soup.vertices, soup.triangles[opaque], tracing)
     shot = Shot(
         soup, solid, camera, size, studio or Studio(), heading, float(np.linalg.norm(high - low)), samples, quality
@@ -118,33 +121,52 @@ class Shot:
         self.cover = np.zeros(self.count, np.float32)
 
     def take(self, opaque: NDArray, glass: NDArray, tracing: str) -> None:
-        """Trace and shade; see-through triangles (one layer) go over the solid ones."""
-        offsets = _offsets(self.samples)
+        """Trace and shade; see-through triangles (one layer, of pictures with holes several) go over the solid ones."""
+        offsets, soup = _offsets(self.samples), self.soup
         hits = self._trace(self.solid, offsets, opaque)
-        share = np.full(len(hits.pixel), 1 / self.samples, np.float32)
+        left = np.ones(self.count * self.samples, np.float32)  # what the layers so far let through
         if glass.size:
-            panes = self._trace(tracer(self.soup.vertices, self.soup.triangles[glass], tracing), offsets, glass)
-            behind = np.full(self.count * self.samples, -1, np.int64)
-            behind[hits.pixel] = np.arange(len(hits.pixel))
-            far = np.full(self.count * self.samples, np.inf, np.float32)
+            rays = tracer(soup.vertices, soup.triangles[glass], tracing)
+            far = np.full(len(left), np.inf, np.float32)
             far[hits.pixel] = hits.depth
-            panes = panes[panes.depth < far[panes.pixel]]
-            at = behind[panes.pixel]
-            opacity = self.soup.opacity[self.soup.part[panes.triangle]]
-            share[at[at >= 0]] *= 1 - opacity[at >= 0]
-            self._lay(panes, opacity / self.samples)
-        self._lay(hits, share)
+            beyond: Single | None = None
+            for _ in range(LAYERS if soup.textures is not None and soup.textures.clear.any() else 1):
+                panes = self._trace(rays, offsets, glass, beyond)
+                panes = panes[panes.depth < far[panes.pixel]]
+                tint = self._tint(panes)
+                opacity = soup.opacity[soup.part[panes.triangle]] * (1 if tint is None else tint[:, 3])
+                self._lay(panes, opacity * left[panes.pixel] / np.float32(self.samples), tint)
+                left[panes.pixel] *= 1 - opacity
+                beyond = np.full(len(left), np.inf, np.float32)
+                beyond[panes.pixel] = np.where(left[panes.pixel] > 0.004, panes.depth, np.inf)
+                if not np.isfinite(beyond).any():
+                    break
+        self._lay(hits, left[hits.pixel] / np.float32(self.samples), self._tint(hits))
 
-    def _trace(self, rays: Tracer, offsets: list[tuple[float, float]], names: NDArray) -> Hits:
-        """All samples of the picture in one list; `pixel` counts on through the sub-pixel patterns."""
+    def _trace(
+        self, rays: Tracer, offsets: list[tuple[float, float]], names: NDArray, beyond: Single | None = None
+    ) -> Hits:
+        """All samples of the picture in one list; `pixel` counts on through the sub-pixel patterns, and so do the depths
+        `beyond` that a hit has to be."""
         parts = []
         for i, offset in enumerate(offsets):
-            h = rays.visible(self.camera, self.size, offset)
+            start = None if beyond is None else beyond[i * self.count : (i + 1) * self.count]
+            h = rays.visible(self.camera, self.size, offset, start)
             parts.append(Hits(h.pixel + i * self.count, names[h.triangle].astype(np.int32), h.u, h.v, h.depth))
         return Hits.join(parts)
 
-    def _lay(self, hits: Hits, share: Single) -> None:
-        """Shade samples and add them to the picture."""
+    def _tint(self, hits: Hits) -> Single | None:
+        """Colour and alpha (n,4) of the pictures at the hits, None when there are none."""
+        textures = self.soup.textures
+        if textures is None or not textures.pictured[hits.triangle].any():
+            return None
+        way = _mixed(self.soup.corners[:, :, :3], hits) - np.asarray(self.camera.eye, np.float32)
+        slant = np.abs(dot(unit(way), self.soup.faces[hits.triangle]))
+        sample = 2 * float(np.tan(self.camera.fov / 2)) / self.size[1] / self.samples**0.5  # metres at one metre
+        return textures.colors(hits.triangle, hits.u, hits.v, hits.depth * sample / np.sqrt(np.maximum(slant, 0.05)))
+
+    def _lay(self, hits: Hits, share: Single, tint: Single | None = None) -> None:
+        """Shade samples and add them to the picture; `tint` (n,4) multiplies their colours."""
         if not len(hits.pixel):
             return
         soup = self.soup
@@ -163,6 +185,8 @@ class Shot:
         behind = dot(soup.faces, eye - soup.corners[:, 0, :3]) < 0
         away = behind[hits.triangle]
         shades = _mixed(soup.corners[:, :, 3:9], hits)  # normal and colour, of all samples
+        if tint is not None:
+            shades[:, 3:] *= tint[order, :3]
         shades[:, :3] = unit(shades[:, :3]) * np.where(away, -1, 1).astype(np.float32)[:, None]
         # where the surface is smooth, one sample stands for its group: with the mean normal and colour
         mean = np.add.reduceat(shades, first, axis=0) / counts[:, None].astype(np.float32)
@@ -185,9 +209,10 @@ class Shot:
         view = unit(eye - point)
         lack = np.minimum(dot(normal, view) - 0.02, 0)  # grazing smooth normals are bent back into view
         normal = unit(normal - lack[:, None] * view)
+        pictured = np.zeros(len(part), bool) if tint is None else soup.textures.pictured[hits.triangle]  # type: ignore
         s = Samples(
             normal, soft, view, albedo, point - soup.crowns[part], rest, soup.kind[part], soup.roughness[part],
-            soup.metallic[part], sky[owner], lit[owner],
+            soup.metallic[part], sky[owner], lit[owner], pictured,
         )  # fmt: skip
         light = shade(s, self.studio, self.heading, self.pixel) * share[:, None]
         where = pixel[first[owner]]

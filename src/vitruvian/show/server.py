@@ -44,6 +44,7 @@ MODULES = (
     "hands.js",
     "tuning.js",
     "volume.js",
+    "forks.js",
     "operators.js",
     "skin.js",
     "sections.js",
@@ -52,10 +53,17 @@ MODULES = (
     "stripes.js",
     "detail.js",
     "surface.js",
+    "girths.js",
+    "searching.js",
     "picking.js",
     "painting.js",
     "pose.js",
+    "handles.js",
+    "marks.js",
+    "marks.js",
+    "pictures.js",
     "figure.js",
+    "heat.js",
     "looks.js",
     "studio.js",
     "overlays.js",
@@ -225,17 +233,24 @@ class _Page:
         showing = self.showing
         showing.begin()
         levels: dict[str, Body | None] = {}
-        told, due = (-1, -1), 0.0
+        pictures: set[str] = set()  # that this page has
+        told, due, heard = (-1, -1), 0.0, showing.search.version
         while True:
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             self.event.clear()
+            if heard != showing.search.version:
+                heard = showing.search.version
+                await self.ws.send_bytes(encode("search", showing.search.told))
             if self.sent - self.acked < IN_FLIGHT and (showing.playing or told != showing.told):
                 self.sent += 1
                 message = showing.frame(self.sent)
                 told, due = showing.told, time.monotonic() + INTERVAL
                 if levels != showing.levels:  # at first, and when there are other points: all anew, before the frame
                     levels = showing.levels
-                    for part in (showing.hello(), *showing.meshes):
+                    meshes = showing.meshes
+                    fresh = [m for name, m in showing.pictures.items() if name not in pictures]
+                    pictures |= showing.pictures.keys()
+                    for part in (showing.hello(), *fresh, *meshes):
                         await self.ws.send_bytes(part)
                 await self.ws.send_bytes(message)
             elif self.sent - self.acked >= IN_FLIGHT or not showing.playing:
@@ -253,7 +268,9 @@ class _Page:
                 elif request["type"] == "hello":
                     raise VitruvianError("request hello: expected once")
                 else:
-                    self.showing.apply(request)
+                    answer = self.showing.apply(request)
+                    if answer is not None:
+                        await self.ws.send_bytes(answer)
             except VitruvianError as error:
                 self.strikes += 1
                 await self.ws.send_bytes(encode("error", {"message": str(error)[:300], "strikes": self.strikes}))

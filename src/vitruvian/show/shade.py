@@ -96,6 +96,7 @@ class Samples:
     metallic: Single
     sky: Single  # (n,) share of open sky
     lit: Single  # (n,) share of the key light
+    pictured: NDArray[np.bool_]  # (n,) coloured by a picture, which needs no unevenness on top
 
     def __getitem__(self, some: object) -> Samples:
         return Samples(**{n: getattr(self, n)[some] for n in Samples.__dataclass_fields__})
@@ -146,7 +147,7 @@ def shade(s: Samples, studio: Studio, heading: float, pixel: float = 1.0) -> Sin
 def textured(s: Samples, pixel: float) -> Samples:
     """The samples with the small unevenness of skin, cloth and hair."""
     albedo, normal, roughness = s.albedo.copy(), s.normal.copy(), s.roughness.copy()
-    skin = np.flatnonzero(s.kind == KINDS.index("skin"))
+    skin = np.flatnonzero((s.kind == KINDS.index("skin")) & ~s.pictured)
     if skin.size:
         rest = s.texture[skin]
         blood = 0.045 * noise(rest * 38) + 0.03 * noise(rest * 130 + 7)
@@ -157,14 +158,14 @@ def textured(s: Samples, pixel: float) -> Samples:
         pores = close(0.0016, pixel)
         if pores:
             normal[skin] = _unit(normal[skin] + np.float32(0.05 * pores) * noise(rest * 640, 3))
-    cloth = np.flatnonzero(s.kind == KINDS.index("cloth"))
+    cloth = np.flatnonzero((s.kind == KINDS.index("cloth")) & ~s.pictured)
     weave = close(0.002, pixel)
     if cloth.size and weave:
         rest = s.texture[cloth] * np.array([900, 420, 900], np.float32)
         fibre = noise(rest, 3)
         albedo[cloth] *= 1 + np.float32(0.10 * weave) * fibre[:, :1]
         normal[cloth] = _unit(normal[cloth] + np.float32(0.10 * weave) * fibre)
-    hair = np.flatnonzero(s.kind == KINDS.index("hair"))
+    hair = np.flatnonzero((s.kind == KINDS.index("hair")) & ~s.pictured)
     if hair.size:
         x, y, z = s.strand[hair].T
         way = np.stack([np.arctan2(x, z) * 70, y * 14, np.hypot(x, z) * 9], -1)  # changes slowly along a strand

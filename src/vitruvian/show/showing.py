@@ -18,6 +18,9 @@ from vitruvian.body.types import Body
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
 from vitruvian.show.keeping import Keeping
+from vitruvian.show.posing import Posing
+from vitruvian.show.searching import Search
+from vitruvian.show.textures import Sent
 from vitruvian.show.wire import VERSION, Block, encode, quantise, quantise_normals
 from vitruvian.stage.actor import Actor as Player
 from vitruvian.stage.actor import Posed
@@ -47,11 +50,14 @@ class Showing:
         self.fps = max(a.fps for a in self.actors)
         self.frames = max(1, round(max(len(a) / a.fps for a in self.actors) * self.fps))
         self._meshes: dict[tuple[str, Body | None], list[bytes]] = {}
+        self._pictures = Sent()
         self.own = stage is None
         if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
         self.stage = staged(self.actors, self.fps, self.frames, leave) if stage is None else stage
         self.keeping = keeping or Keeping()  # what pages may save
+        self.search = Search()
+        self.posing = Posing(self.stage)
         self.change = 0  # counts everything that pages have to be told
         self.hands: dict[str, dict[str, Any]] = {}  # options of "hand" that pages set, of each actor
         self.wake: set[asyncio.Event] = set()
@@ -85,9 +91,17 @@ class Showing:
         for a in self.actors:
             key = (a.name, bodies[a.name])
             if key not in self._meshes:
-                self._meshes[key] = mesh_messages(replace(a, body=bodies[a.name]))
+                self._meshes[key] = mesh_messages(replace(a, body=bodies[a.name]), self._pictures)
             out += self._meshes[key]
         return out
+
+    @property
+    def pictures(self) -> dict[str, bytes]:
+        """The pictures of all `meshes` that were asked for, each once, as messages by name: they come before those."""
+        return {
+            name: encode("picture", {"name": name, "mime": mime}, [Block("data", np.frombuffer(data, np.uint8))])
+            for name, (mime, data) in self._pictures.data.items()
+        }
 
     @property
     def deformers(self) -> dict[str, str]:
@@ -114,9 +128,9 @@ class Showing:
             self.change += 1
         return frame
 
-    def apply(self, request: Mapping[str, Any]) -> None:
-        """Do what a page asked for; `VitruvianError` for names that do not exist."""
-        kind, stage = request["type"], self.stage
+    def apply(self, request: Mapping[str, Any]) -> bytes | None:
+        """Do what a page asked for, and what to answer to that; `VitruvianError` for names that do not exist."""
+        kind, stage, answer = request["type"], self.stage, None
         if kind in ("play", "pause"):
             stage.send(kind)
         elif kind == "seek":
@@ -129,24 +143,31 @@ class Showing:
             stage.seek((round(at) + request["frames"]) % self.frames / self.fps)
         elif kind == "loop":
             stage.send("loop", value=request["value"])
-        elif kind in ("set_landmarks", "set_weights"):
+        elif kind in ("set_landmarks", "set_weights", "find_landmarks", "take_girths", "stop_search"):
             found = self.by_name.get(request["actor"])
             if found is None or (found.body is None) == (kind == "set_weights"):
-                what = "a mesh" if kind == "set_landmarks" else "a body"
+                what = "a body" if kind == "set_weights" else "a mesh"
                 raise VitruvianError(f"request {kind}: expected {what}, found {request['actor']!r:.60}")
-            self.keeping.apply(request)
+            if kind.startswith("set_"):
+                self.keeping.apply(request)
+            else:
+                assert found.mesh is not None
+                self.search.apply(request, found.mesh)
         else:
-            self._edit(kind, request)
+            answer = self._edit(kind, request)
         if kind == "speed" and self.own:
             stage.clock.pace(ticks(self.fps, float(request["value"])))
         self.change += 1
         for event in self.wake:
             event.set()
+        return answer
 
-    def _edit(self, kind: str, request: Mapping[str, Any]) -> None:
+    def _edit(self, kind: str, request: Mapping[str, Any]) -> bytes | None:
         actor = self.by_name.get(request["actor"])
         if actor is None or actor.body is None:
             raise VitruvianError(f"request {kind}: expected an actor with joints, found {request['actor']!r:.60}")
+        if kind in ("reach", "set_pose"):
+            return self.posing.apply(request)
         if kind == "clear_pose":
             self.stage.send("clear", actor.name)
         elif kind == "deformer":
@@ -173,6 +194,7 @@ class Showing:
                 self.stage.send("turn", actor.name, name, request["rotation"])
             else:
                 self.stage.send("weight", actor.name, name, request.get("weight"))
+        return None
 
     def running(self) -> dict[str, Any]:
         """How time runs, as pages show it."""
@@ -215,12 +237,14 @@ class Showing:
         for actor in self.actors:
             posed = frame[actor.name]
             player = self.stage.actors[actor.name]
-            given = _rows(_unturned(posed, player) if posed.turns else posed.joints)
+            given = _rows(_unturned(posed, player) if posed.turns or posed.shift is not None else posed.joints)
             weights = player.weights if posed.shaped else posed.weights
             blocks += pose_blocks(actor, given, weights.astype(np.float32))
+            if actor.marked is not None:
+                blocks.append(Block("markers", actor.marked.at(frame.time * actor.fps), actor.name))
             if posed.vertices is None or posed.normals is None or posed.deformer not in SERVED:
                 continue
-            if posed.turns:
+            if posed.turns or posed.shift is not None:
                 blocks.append(Block("posed", _rows(posed.joints), actor.name))
             q, scale, origin = quantise(posed.vertices)
             blocks.append(Block("vertices", q, actor.name, scale, origin))
@@ -251,6 +275,9 @@ def _rows(matrices: NDArray[np.float64]) -> NDArray[np.float32]:
 def _unturned(posed: Posed, player: Player) -> NDArray[np.float64]:
     """(J,4,4) joints without what was set on top of the motion: pages put that on by themselves."""
     which = list(posed.turns)
-    rotation = posed.rotation.copy()
-    rotation[which] = multiply(inverse(np.array([posed.turns[j] for j in which])), rotation[which])
-    return player.kinematics(rotation[None], posed.translation[None])[0]
+    rotation, translation = posed.rotation.copy(), posed.translation.copy()
+    if which:
+        rotation[which] = multiply(inverse(np.array([posed.turns[j] for j in which])), rotation[which])
+    if posed.shift is not None:
+        translation[0] -= posed.shift
+    return player.kinematics(rotation[None], translation[None])[0]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.types import Part, require
 from vitruvian.show.shade import KINDS, kind_of, to_linear
+from vitruvian.show.textures import HALF, SOLID, Texture, drawn
 from vitruvian.show.trace import Single
 
 
@@ -28,6 +29,7 @@ class Surface:
     parts: tuple[Part, ...] = ()
     rest: NDArray[np.float64] | None = None
     soft: NDArray[np.floating] | None = None  # (V,3) normals of the smoothed surface, or None: made of the others
+    uv: NDArray[np.floating] | None = None  # (T,3,2) texture coordinates of each corner, or None
 
 
 def vertex_normals(vertices: NDArray, triangles: NDArray) -> Single:
@@ -92,9 +94,12 @@ def joined(a: Surface, b: Surface) -> Surface:
         colors = np.concatenate([_painted(a), _painted(b)])
     parts = (*a.parts, *(replace(p, start=p.start + m, stop=p.stop + m) for p in b.parts))
     rest = [s.vertices if s.rest is None else s.rest for s in (a, b)]
+    uv = None
+    if a.uv is not None or b.uv is not None:
+        uv = np.concatenate([np.zeros((len(s.triangles), 3, 2)) if s.uv is None else s.uv for s in (a, b)])
     return Surface(
         np.concatenate([a.vertices, b.vertices]), np.concatenate([a.triangles, b.triangles + n]),
-        np.concatenate(normals), colors, parts, np.concatenate(rest),
+        np.concatenate(normals), colors, parts, np.concatenate(rest), uv=uv,
     )  # fmt: skip
 
 
@@ -113,12 +118,12 @@ class Soup:
 
     Attributes: vertices (V,3), triangles (T,3), faces (T,3) unit normals, corners (T,3,15): position, normal, linear
     colour, normal of the smoothed surface and position at rest at each corner; part (T,) into `parts`; and per part kind,
-    roughness, metallic, opacity, crowns (P,3).
+    roughness, metallic, opacity, crowns (P,3). Where a part has a picture: uv (T,3,2) and `Textures`, else None.
     """
 
     def __init__(self, surfaces: Sequence[Surface], middle: NDArray):
         self.parts: list[Part] = []
-        vertices, triangles, corners, part, crowns = [], [], [], [], []
+        vertices, triangles, corners, part, crowns, uv = [], [], [], [], [], []
         start = 0
         for s in surfaces:
             v = np.asarray(s.vertices, np.float64) - middle
@@ -140,6 +145,9 @@ class Soup:
             triangles.append(t + start)
             part.append(which + len(self.parts))
             crowns.append(_crowns(v, t, parts))
+            if s.uv is None:  # coordinates that are not there colour nothing
+                parts = tuple(replace(p, picture=None) if p.picture else p for p in parts)
+            uv.append(s.uv)
             self.parts += parts
             start += len(v)
         self.vertices = np.concatenate(vertices).astype(np.float32)
@@ -153,6 +161,10 @@ class Soup:
         self.roughness = np.array([np.clip(p.roughness, 0.03, 1) for p in self.parts], np.float32)
         self.metallic = np.array([p.metallic for p in self.parts], np.float32)
         self.opacity = np.array([p.opacity for p in self.parts], np.float32)
+        self.textures = None
+        if any(p.picture for p in self.parts):
+            filled = [np.zeros((len(s.triangles), 3, 2)) if u is None else u for s, u in zip(surfaces, uv)]
+            self.textures = Textures(self, np.concatenate(filled).astype(np.float32))
 
 
 def _crowns(vertices: NDArray, triangles: NDArray, parts: Sequence[Part]) -> NDArray:
@@ -164,3 +176,59 @@ def _crowns(vertices: NDArray, triangles: NDArray, parts: Sequence[Part]) -> NDA
             low, high = points.min(axis=0), points.max(axis=0)
             out[i] = [(low[0] + high[0]) / 2, high[1] + 0.02, 0.65 * low[2] + 0.35 * high[2]]
     return out
+
+
+class Textures:
+    """The pictures on a soup: how dense each lies on its triangles, and its colours at hits.
+
+    Attributes: uv (T,3,2); pictured (T,) whether a picture colours the triangle; clear (T,) whether it may let something
+    shine through; density (T,) pixels of the picture per metre of the surface.
+    """
+
+    def __init__(self, soup: Soup, uv: Single):
+        self.uv, self.part = uv, soup.part
+        self.of = drawn(soup.parts)
+        self.alpha = [p.picture.alpha if p.picture else "" for p in soup.parts]
+        self.pictured = np.array([t is not None for t in self.of])[soup.part]
+        self.density = np.zeros(len(uv), np.float32)
+        size = np.array([t.levels[0].shape[1::-1] if t else (0, 0) for t in self.of], np.float64)[soup.part]
+        some = np.flatnonzero(self.pictured)
+        a, b, c = (self.uv[some, i].astype(np.float64) * size[some] for i in range(3))
+        area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        a, b, c = (soup.corners[some, i, :3].astype(np.float64) for i in range(3))
+        place = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        self.density[some] = np.sqrt(np.where(np.isfinite(area), area, 0) / np.maximum(place, 1e-18))
+        self.clear = np.zeros(len(uv), bool)
+        for n, t in enumerate(self.of):
+            if t is not None and t.clear and self.alpha[n]:
+                mine = np.flatnonzero(soup.part == n)
+                self.clear[mine] = self._see_through(t, mine)
+
+    def _see_through(self, texture: Texture, mine: NDArray) -> NDArray[np.bool_]:
+        """Which of these triangles have a place where something shines through, by a pattern of places on each."""
+        out = np.zeros(len(mine), bool)
+        for u, v in _PLACES:
+            at = self.uv[mine, 0] * (1 - u - v) + self.uv[mine, 1] * u + self.uv[mine, 2] * v
+            out |= texture.colors(at, np.zeros(len(mine)))[:, 3] < SOLID / 255
+        return out
+
+    def colors(self, triangle: NDArray, u: Single, v: Single, apart: Single) -> Single:
+        """Linear RGB and alpha (n,4) that multiply the colour at hits; `apart` (n,): metres of the surface between
+        neighbouring samples. Cut-outs are there or not."""
+        out = np.ones((len(triangle), 4), np.float32)
+        part = self.part[triangle]
+        for n in np.unique(part[self.pictured[triangle]]):
+            some = np.flatnonzero(part == n)
+            texture, t = self.of[n], triangle[some]
+            assert texture is not None
+            at = self.uv[t, 0] * (1 - u - v)[some, None] + self.uv[t, 1] * u[some, None] + self.uv[t, 2] * v[some, None]
+            found = texture.colors(at, np.log2(np.maximum(self.density[t] * apart[some], 1e-6)))
+            if self.alpha[n] == "mask":
+                found[:, 3] = found[:, 3] >= HALF / 255
+            elif not self.alpha[n]:
+                found[:, 3] = 1
+            out[some] = found
+        return out
+
+
+_PLACES = [(a / 6, b / 6) for a in range(7) for b in range(7 - a)]

@@ -48,7 +48,11 @@ class Hits:
 
 
 class Tracer(Protocol):
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits: ...
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], beyond: Single | None = None
+    ) -> Hits:
+        """What each pixel sees first; `beyond` (pixels,): farther than that depth, nothing where it is infinite."""
+        ...
 
     def ambient(self, points: Single, normals: Single, row: Ints, count: int) -> Single: ...
 
@@ -113,18 +117,27 @@ class Embree:
         if not self.empty:
             self.mesh = TriangleMesh(self.scene, self.vertices, self.triangles)
 
-    def visible(self, camera: Camera, size: tuple[int, int], offset: tuple[float, float]) -> Hits:
+    def visible(
+        self, camera: Camera, size: tuple[int, int], offset: tuple[float, float], beyond: Single | None = None
+    ) -> Hits:
         if self.known is None or self.known[:2] != (camera, size):
             self.known = camera, size, covered(camera, size, self.vertices, self.triangles)
         pixel = self.known[2]
+        if beyond is not None:
+            pixel = pixel[np.isfinite(beyond[pixel])]
         none = np.zeros(0, np.float32)
         if not pixel.size:
             return Hits(pixel, np.zeros(0, np.int32), none, none, none)
         rays = camera.through(pixel, offset, size)
         eye = np.empty_like(rays)
         eye[:] = camera.eye
+        if beyond is not None:
+            start = beyond[pixel] * np.float32(1 + 2e-5)
+            eye += rays * start[:, None]
         found = self.scene.run(eye, rays, output=1)
         hit = np.flatnonzero(found["primID"] >= 0)
+        if beyond is not None:
+            found["tfar"] = found["tfar"] + start
         return Hits(pixel[hit], *(found[k][hit] for k in ("primID", "u", "v", "tfar")))
 
     def open(self, points: Single, directions: Single) -> Single:

@@ -136,8 +136,19 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "set_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200), "weight": ("number", -10, 10)},
     "clear_displacer": {"actor": ("text", 0, 200), "name": ("text", 0, 200)},
     "clear_pose": {"actor": ("text", 0, 200)},
+    "set_pose": {"actor": ("text", 0, 200), "turns": ("quaternions", -1.001, 1.001), "shift": ("vector", -1e6, 1e6)},
+    "reach": {
+        "actor": ("text", 0, 200),
+        "name": ("text", 0, 200),
+        "places": ("places", 0, 300),
+        "gesture": ("whole", 0, 2**53),
+        "level": ("whole", 0, 4),
+    },
     "set_hands": {"actor": ("text", 0, 200), "roundings": ("texts", 0, 200), "rounded": ("flag", 0, 1)},
     "set_landmarks": {"actor": ("text", 0, 200), "points": ("places", 0, 300)},
+    "find_landmarks": {"actor": ("text", 0, 200)},
+    "take_girths": {"actor": ("text", 0, 200), "points": ("places", 0, 300)},
+    "stop_search": {"actor": ("text", 0, 200)},
     "set_weights": {"actor": ("text", 0, 200), "text": ("text", 0, 40000), "last": ("flag", 0, 1)},
 }
 
@@ -175,6 +186,11 @@ def _fits(value: Any, kind: str, low: float, high: float) -> bool:
         return isinstance(value, bool)
     if kind == "whole":
         return type(value) is int and low <= value <= high
+    if kind == "vector":
+        return isinstance(value, list) and len(value) == 3 and all(_fits(x, "number", low, high) for x in value)
+    if kind == "quaternions":
+        good = isinstance(value, dict) and len(value) <= 1000 and all(len(name) <= 200 for name in value)
+        return good and all(_fits(q, "quaternion", low, high) for q in value.values())
     if kind == "quaternion":
         good = isinstance(value, list) and len(value) == 4 and all(_fits(x, "number", low, high) for x in value)
         return good and abs(sum(x * x for x in value) - 1) < 1e-3

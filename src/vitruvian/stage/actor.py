@@ -37,7 +37,8 @@ class Posed:
     matrices in humanoid space without, matrices (J,4,4) with the file's binding, as deformers take them. vertices (V,3)
     float32 in humanoid space, of `body`; None when they are left to who shows the frame. source (V,): which vertices of
     the full body these are, None for all. placement (4,4): humanoid space to the stage, rounds of a walk included.
-    turns (joint -> quaternion), shaped (displacer -> weight): what was set on top of the motion. path (K,J,4,4): matrices
+    turns (joint -> quaternion), shift (3,) of the first joint or None, shaped (displacer -> weight): what was set on top
+    of the motion. path (K,J,4,4): matrices
     of poses that lead to this one, when joints are wound past half a turn: deformers need them before `matrices`.
     """
 
@@ -55,6 +56,7 @@ class Posed:
     deformer: str
     turns: Mapping[int, Floats]
     shaped: Mapping[int, float]
+    shift: Floats | None = None
     run: Deformer | None = field(default=None, repr=False)
     path: Floats | None = field(default=None, repr=False)
 
@@ -87,7 +89,7 @@ class Actor:
     """A figure, or a thing without joints, on a stage.
 
     `deformer` and `options`: as for `vitruvian.deformer`. `rotation` (J,4), `translation` (J,3), `weights` (D,): what its
-    motion and the events ask for; replaced, never written into. `turns`, `shaped`: set on top of it.
+    motion and the events ask for; replaced, never written into. `turns`, `shift`, `shaped`: set on top of it.
     """
 
     def __init__(
@@ -108,6 +110,7 @@ class Actor:
         self.still: frozenset[str] = frozenset()  # extremities that are off
         self.turns: Mapping[int, Floats] = MappingProxyType({})
         self.shaped: Mapping[int, float] = MappingProxyType({})
+        self.shift: Floats | None = None
         self.loops = motion is not None and motion.loop
         self.travel = np.zeros(3) if motion is None or not motion.loop else travel(motion)
         self.posed: Posed | None = None  # as last published
@@ -121,6 +124,7 @@ class Actor:
         self._curves = self._weight_curves()
         self._sampled = -1.0
         self._mixed: tuple[Any, ...] = ((None,), self.rotation, self.weights)
+        self._moved: tuple[Any, Any, Floats] = (None, None, self.translation)
         self._folds: dict[frozenset[str], tuple[Ints, Ints]] = {}
 
     @property
@@ -225,6 +229,16 @@ class Actor:
                 weights[list(self.shaped)] = list(self.shaped.values())
             self._mixed = (key, rotation, weights)
         return self._mixed[1], self._mixed[2]
+
+    def moved(self) -> Floats:
+        """(J,3) translation with the shift on top of it; the same object while nothing changes."""
+        if self.shift is None:
+            return self.translation
+        if self._moved[0] is not self.translation or self._moved[1] is not self.shift:
+            out = self.translation.copy()
+            out[0] += self.shift
+            self._moved = (self.translation, self.shift, out)
+        return self._moved[2]
 
     def placed(self) -> Floats:
         """(4,4) humanoid space to the stage."""

@@ -79,6 +79,10 @@ def _vector(value: object, where: str) -> Any:
     return floats(value, where, 3)
 
 
+def _shift(value: object, where: str) -> Any:
+    return None if value is None else floats(value, where, 3)
+
+
 def _number(value: object, where: str) -> float:
     good = isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
     require(bool(good), where, "a finite number", value)
@@ -136,13 +140,15 @@ TRANSPORT: dict[str, Callable[[object, str], Any]] = {
 }
 # What may happen to an actor. rotation, translation: the local ones of a joint, until its motion gives it others.
 # turn: a rotation on top of what the motion says (in the parent's frame, about the joint), until another; None: none.
-# weight: of a displacer, instead of what the motion says; None: the motion's again. clear: no turns and no weights.
+# shift: of the first joint, on top of the motion, until another; None: none.
+# weight: of a displacer, instead of what the motion says; None: the motion's again. clear: no turns, shift and weights.
 # deformer: by name, with options. level: how many points. finer: a body with more points becomes level 0, the others
 # count one more. extremity: fingers, neck or toes, moving or still.
 ACTOR: dict[str, Callable[[object, str], Any]] = {
     "rotation": _rotation,
     "translation": _vector,
     "turn": _turn,
+    "shift": _shift,
     "weight": _weight,
     "clear": _nothing,
     "deformer": _options,

@@ -426,8 +426,10 @@ def apply(actor: Actor, event: Event) -> None:
         actor.turns = _with(actor.turns, actor.skeleton.index[name], value)
     elif kind == "weight":
         actor.shaped = _with(actor.shaped, actor.displacers[name], value)
+    elif kind == "shift":
+        actor.shift = value
     elif kind == "clear":
-        actor.turns, actor.shaped = MappingProxyType({}), MappingProxyType({})
+        actor.turns, actor.shaped, actor.shift = MappingProxyType({}), MappingProxyType({}), None
     elif kind == "deformer":
         actor.deformer, actor.options = name, value
     elif kind == "level":

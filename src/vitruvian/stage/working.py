@@ -114,7 +114,7 @@ class Workshop:
     def begin(self, stage: Stage, actor: Actor) -> None:
         """What the actor's joints and displacers get at this tick."""
         rotation, weights = actor.wanted()
-        translation, was = actor.translation, actor.posed
+        translation, was = actor.moved(), actor.posed
         if stage.hooks and was is not None:
             rotation = self._guarded(stage, actor, "rotation", rotation, was.rotation)
             translation = self._guarded(stage, actor, "translation", translation, was.translation)
@@ -252,8 +252,8 @@ class Workshop:
         draft, was = self.drafts[actor.name], actor.posed
         placement = actor.placed()
         if was is not None and not draft.changed:
-            key = (was.vertices, was.placement, was.turns, was.shaped)
-            if all(map(operator.is_, key, (draft.vertices, placement, actor.turns, actor.shaped))):
+            key = (was.vertices, was.placement, was.turns, was.shaped, was.shift)
+            if all(map(operator.is_, key, (draft.vertices, placement, actor.turns, actor.shaped, actor.shift))):
                 return was
         run = draft.run
         if run is not None and draft.of is not draft.matrices:
@@ -266,7 +266,7 @@ class Workshop:
         return Posed(
             actor.name, None if level is None else level.body, rotation, translation, weights, draft.joints,
             draft.matrices, draft.vertices, None if level is None else level.source, placement, actor.round,
-            actor.deformer, actor.turns, actor.shaped, run, draft.path,
+            actor.deformer, actor.turns, actor.shaped, actor.shift, run, draft.path,
         )  # fmt: skip
 
     def commit(self) -> None:

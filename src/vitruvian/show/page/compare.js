@@ -35,14 +35,14 @@ class Column {
   pose(pose, weights, coarse) {
     const { body } = this;
     if (coarse) {
-      const { source, triangles, groups, skin } = coarse, { geometry } = this.shape(coarse, source, triangles, groups), { position, normal } = geometry.attributes;
+      const { source, triangles, groups, uv, skin } = coarse, { geometry } = this.shape(coarse, source, triangles, groups, uv), { position, normal } = geometry.attributes;
       run(this.name, skin, pose, weights, position.array, normal.array);
       position.needsUpdate = normal.needsUpdate = true;
       this.whole = false;
       return;
     }
     this.deform(pose, weights);
-    const { geometry } = this.shape(null, body.source, body.triangles, body.parts), { position, normal } = geometry.attributes, { same, faces } = body.gauge;
+    const { geometry } = this.shape(null, body.source, body.triangles, body.parts, body.uv), { position, normal } = geometry.attributes, { same, faces } = body.gauge;
     meshNormals(this.positions, faces, same, this.normals);
     for (let i = 0, k = 0; i < body.source.length; i++, k += 3) for (let c = 0, s = 3 * body.source[i]; c < 3; c++) {
       position.array[k + c] = this.positions[s + c];
@@ -57,8 +57,8 @@ class Column {
     this.whole = true;
   }
 
-  shape(key, source, triangles, groups) {
-    if (!this.shapes.has(key)) this.shapes.set(key, { geometry: this.body.shape(source, triangles, groups), source });
+  shape(key, source, triangles, groups, uv) {
+    if (!this.shapes.has(key)) this.shapes.set(key, { geometry: this.body.shape(source, triangles, groups, uv), source });
     return (this.now = this.shapes.get(key));
   }
 

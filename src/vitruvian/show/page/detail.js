@@ -6,6 +6,7 @@
 // Barczak, "Fast triangle reordering for vertex locality and reduced overdraw", 2007.
 
 const CACHE = 24; // transformed vertices that are surely still there
+const FAR = 4; // cells: how far on a picture corners may be moved when points are joined
 const SIDE = 8192; // cells a side at most: keys of three are whole numbers that a double holds
 
 /**
@@ -14,13 +15,14 @@ const SIDE = 8192; // cells a side at most: keys of three are whole numbers that
  *
  * rest (V*3), triangles (T*3) into V, groups [{start, stop}] in triangles, kind (V) below 256: only vertices of one kind
  * are joined. The vertex drawn is the one of V nearest to the
- * mean of its cell's, so that it deforms exactly as that one; `source` says which. Triangles that collapse or repeat go.
+ * mean of its cell's, so that it deforms exactly as that one; `source` says which. Triangles that collapse or repeat go;
+ * `corners` says which corner of `triangles` each that is left was.
  */
 export function coarser(rest, triangles, groups, cell, kind) {
   const low = [0, 0, 0].map((_, c) => extreme(rest, c, Math.min)), high = [0, 0, 0].map((_, c) => extreme(rest, c, Math.max));
   if (!low.every((x, c) => (high[c] - x) / cell < SIDE - 1)) return null;
   const V = rest.length / 3, of = new Int32Array(V), touched = new Int32Array(V).fill(-1);
-  const out = [], bounds = [], source = [];
+  const out = [], corners = [], bounds = [], source = [];
   groups.forEach(({ start, stop }, g) => {
     const ids = new Map(), cells = [], points = [], first = source.length;
     for (let k = 3 * start; k < 3 * stop; k++) {
@@ -46,16 +48,18 @@ export function coarser(rest, triangles, groups, cell, kind) {
     for (let k = 3 * start; k < 3 * stop; k += 3) {
       let a = of[triangles[k]], b = of[triangles[k + 1]], c = of[triangles[k + 2]];
       if (a === b || b === c || c === a) continue;
-      if (b < a && b < c) [a, b, c] = [b, c, a]; // the smallest first, the same side up
-      else if (c < a && c < b) [a, b, c] = [c, a, b];
+      let turn = 0;
+      if (b < a && b < c) { [a, b, c] = [b, c, a]; turn = 1; } // the smallest first, the same side up
+      else if (c < a && c < b) { [a, b, c] = [c, a, b]; turn = 2; }
       const key = (a * n + b) * n + c;
       if (seen.has(key)) continue;
       seen.add(key);
       out.push(first + a, first + b, first + c);
+      corners.push(k + turn, k + ((turn + 1) % 3), k + ((turn + 2) % 3));
     }
     bounds.push({ start: from, stop: out.length / 3 });
   });
-  return { source: Uint32Array.from(source), triangles: Uint32Array.from(out), groups: bounds };
+  return { source: Uint32Array.from(source), triangles: Uint32Array.from(out), groups: bounds, corners: Uint32Array.from(corners) };
 }
 
 function extreme(points, c, choose) {
@@ -115,4 +119,38 @@ export function ordered(triangles, groups, V) {
   }
   for (let v = 0; v < V; v++) if (number[v] < 0) source[next++] = v;
   return { source, triangles: out };
+}
+
+/**
+ * A coarser surface `made` by `coarser`, {source, triangles, groups, uv}: its points split where the picture needs it.
+ * `corners` (T'*3) of `made`: the corner of `triangles` (T*3) that each corner was; `source`, `uv` (N*2), `rest` of the
+ * whole surface. A corner takes the coordinates of the point that it moved to, or keeps its own when those lie
+ * elsewhere on the picture, as across a seam.
+ */
+export function mapped(made, { source, triangles, uv, rest }, cell) {
+  const first = new Map(), ids = new Map(), out = { source: [], triangles: new Uint32Array(made.triangles.length), groups: made.groups, uv: [] };
+  for (let i = source.length - 1; i >= 0; i--) first.set(source[i], i); // copies of a point follow one another
+  for (let k = 0; k < made.triangles.length; k++) {
+    const id = made.triangles[k], own = triangles[made.corners[k]], reach = FAR * cell * stretch(triangles, uv, rest, source, 3 * ((made.corners[k] / 3) | 0));
+    let best = own, least = reach;
+    for (let i = first.get(made.source[id]); i < source.length && source[i] === made.source[id]; i++) {
+      const away = Math.hypot(uv[2 * i] - uv[2 * own], uv[2 * i + 1] - uv[2 * own + 1]);
+      if (away <= least) { least = away; best = i; }
+    }
+    const key = id * source.length + best;
+    if (!ids.has(key)) { ids.set(key, out.source.length); out.source.push(made.source[id]); out.uv.push(uv[2 * best], uv[2 * best + 1]); }
+    out.triangles[k] = ids.get(key);
+  }
+  return { ...out, source: Uint32Array.from(out.source), uv: Float32Array.from(out.uv) };
+}
+
+/** How far the picture goes per metre of the triangle at corner k. */
+function stretch(triangles, uv, rest, source, k) {
+  let most = 0, edge = 1e-9;
+  for (let i = 0; i < 3; i++) {
+    const a = triangles[k + i], b = triangles[k + ((i + 1) % 3)], p = 3 * source[a], q = 3 * source[b];
+    most = Math.max(most, Math.hypot(uv[2 * a] - uv[2 * b], uv[2 * a + 1] - uv[2 * b + 1]));
+    edge = Math.max(edge, Math.hypot(rest[p] - rest[q], rest[p + 1] - rest[q + 1], rest[p + 2] - rest[q + 2]));
+  }
+  return most / edge;
 }

@@ -3,14 +3,16 @@
 
 import * as THREE from "three";
 import { restNormals } from "./deform.js";
-import { coarser, ordered } from "./detail.js";
+import { coarser, mapped, ordered } from "./detail.js";
+import { heated } from "./heat.js";
 import { flat, material } from "./looks.js";
+import { coordinates, pictures } from "./pictures.js";
 import { able, run } from "./operators.js";
 import { skinOf, subset } from "./skin.js";
 import { limbPlaces, striped } from "./stripes.js";
 import { RAMP, category, toLinear } from "./colors.js";
 import { aboveAt, follow, keptAt } from "./level.js";
-import { center, turned } from "./pose.js";
+import { center, shifted, turned } from "./pose.js";
 import * as wire from "./wire.js";
 
 const LINEAR = Float32Array.from({ length: 256 }, (_, i) => toLinear(i / 255));
@@ -20,7 +22,9 @@ export class Figure {
     const get = (name) => blocks[name]?.array;
     Object.assign(this, { name: header.actor, joints: header.joints, parents: header.parents, sites: header.sites });
     Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel });
-    Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [], features: header.features });
+    Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [], features: header.features, handles: header.handles ?? [] });
+    this.heat = header.heat && { ...header.heat, mm: get("heat") };
+    this.marks = header.markers && { names: header.markers, joint: get("marker_joint"), point: get("marker_point"), now: null };
     this.centers = get("centers") ?? new Float32Array(0);
     this.stiffness = get("stiffness");
     this.limits = get("limits");
@@ -35,9 +39,11 @@ export class Figure {
     this.unsplit = this.source.length === V && this.source.every((s, i) => s === i);
     this.triangles = get("triangles");
     const unsplit = this.triangles.map((i) => this.source[i]);
+    this.uv = header.parts.some((p) => p.picture) ? get("uv") : null;
     this.levels = new Map(); // cell -> a coarser surface, or null
     this.coarse = null; // the one that is drawn
     this.turns = new Map(); // joint -> rotation (9) that was added by hand
+    this.shift = null; // of the first joint and all below it, by hand
     this.displaced = new Map(); // displacer -> weight set by hand
     this.isBody = this.joints.length > 0;
     this.positions = Float32Array.from(rest);
@@ -72,8 +78,8 @@ export class Figure {
   build(parts, colors, openness, placement) {
     this.colors = colors;
     this.openness = openness;
-    this.geometry = this.shape(this.source, this.triangles, parts); // whole; the mesh may have a coarser one
-    this.looks = parts.map((p) => material(p, Boolean(colors)));
+    this.geometry = this.shape(this.source, this.triangles, parts, this.uv); // whole; the mesh may have a coarser one
+    this.looks = parts.map((p) => pictures.dress(material(p, Boolean(colors)), p.picture));
     this.mesh = new THREE.Mesh(this.geometry, this.looks);
     Object.assign(this.mesh, { frustumCulled: false, castShadow: true, receiveShadow: true });
     this.group = new THREE.Group();
@@ -85,8 +91,8 @@ export class Figure {
     this.upload();
   }
 
-  /** A geometry that draws the skin vertices `source`; positions and normals are still to be filled in. */
-  shape(source, triangles, groups) {
+  /** A geometry that draws the skin vertices `source`, `uv` (N*2) or null; positions and normals are still to be filled in. */
+  shape(source, triangles, groups, uv) {
     const N = source.length, geometry = new THREE.BufferGeometry(), { colors, openness } = this;
     const moving = () => new THREE.BufferAttribute(new Float32Array(3 * N), 3).setUsage(THREE.DynamicDrawUsage);
     geometry.setAttribute("position", moving());
@@ -99,6 +105,7 @@ export class Figure {
       source.forEach((s, i) => { for (let c = 0; c < 3; c++) paint[3 * i + c] = LINEAR[colors[3 * s + c]]; });
       geometry.setAttribute("color", (geometry.userData.painted = new THREE.BufferAttribute(paint, 3)));
     }
+    if (uv) geometry.setAttribute("uv", coordinates(uv));
     const open = new Float32Array(N).fill(1);
     if (openness) source.forEach((s, i) => { open[i] = openness[s] / 255; });
     geometry.setAttribute("openness", new THREE.BufferAttribute(open, 1));
@@ -117,8 +124,10 @@ export class Figure {
   simplify(cell) {
     const { source, rest } = this, made = coarser(rest, this.triangles.map((i) => source[i]), this.parts, cell, this.kinds());
     if (!made || made.triangles.length > 0.85 * this.triangles.length) return null; // not worth the difference
-    const { source: order, triangles } = ordered(made.triangles, made.groups, made.source.length), points = order.map((i) => made.source[i]);
-    return { source: points, triangles, groups: made.groups, geometry: this.shape(points, triangles, made.groups), skin: subset(this.skin, points) };
+    const split = this.uv ? mapped(made, this, cell) : made;
+    const { source: order, triangles } = ordered(split.triangles, split.groups, split.source.length), points = order.map((i) => split.source[i]);
+    const uv = this.uv && Float32Array.from({ length: 2 * order.length }, (_, i) => split.uv[2 * order[i >> 1] + (i & 1)]);
+    return { source: points, triangles, groups: made.groups, uv, geometry: this.shape(points, triangles, made.groups, uv), skin: subset(this.skin, points) };
   }
 
   /** What must not be joined: what looks another way (6), has another colour (8), or lies in a fold as the mouth does (2). */
@@ -148,6 +157,7 @@ export class Figure {
       this.given.set(blocks.pose.array);
       follow(this.given, this.kept, this.clip);
       this.displacerWeights.set(blocks.displacers?.array ?? []);
+      if (blocks.markers) this.marks.now = blocks.markers.array;
     }
     this.served = blocks?.vertices && !this.reweighted ? blocks : null;
     this.refresh();
@@ -157,6 +167,7 @@ export class Figure {
   refresh() {
     if (!this.isBody) return;
     turned(this.clip, this.shownTurns, this.parents, this.centers, this.pose);
+    if (this.shift) shifted(this.pose, this.shift, this.parents);
     if (this.served && !this.folded) {
       this.pose.set((this.served.posed ?? this.served.pose).array); // joints wait for their points
       wire.positions(this.served.vertices, this.positions);
@@ -202,12 +213,13 @@ export class Figure {
 
   /** Give a geometry that draws the skin vertices `source` the colours of a mode; returns the material that goes with them. */
   dress(geometry, source, mode, j = 0) {
+    if (mode === "heat" && this.heat) return heated(this, geometry, source);
     if (mode === "stripes" && this.isBody) {
       this.limbs ??= limbPlaces(this.skin);
       if (!geometry.attributes.place) geometry.setAttribute("place", new THREE.BufferAttribute(Float32Array.from({ length: 3 * source.length }, (_, i) => this.limbs[3 * source[(i / 3) | 0] + (i % 3)]), 3));
       return (this.stripes ??= this.parts.map((p, i) => striped(p, 1.75 / this.stature) ?? this.looks[i]));
     }
-    if (mode === "skin" || !this.isBody) {
+    if (mode === "skin" || mode === "heat" || !this.isBody) {
       if (geometry.userData.painted) geometry.setAttribute("color", geometry.userData.painted);
       return this.looks;
     }

@@ -25,3 +25,19 @@ export function follow(pose, kept, out) {
   }
   return out;
 }
+
+/** Joint that the camera follows: the first that has several children, else the first. */
+export function root(figure) {
+  if (figure.rootJoint === undefined) {
+    const children = figure.joints.map((_, j) => figure.parents.filter((p) => p === j).length);
+    figure.rootJoint = Math.max(0, children.findIndex((n) => n > 1));
+  }
+  return figure.rootJoint;
+}
+
+/** Joint with the most skin: a good first one to show the weights of. */
+export function heaviest(figure) {
+  const sum = new Float64Array(figure.joints.length);
+  figure.joint.forEach((j, k) => { sum[figure.kept[j]] += figure.weight[k]; });
+  return sum.indexOf(Math.max(...sum));
+}

@@ -4,11 +4,16 @@ import * as THREE from "three";
 import { RAMP, css } from "./colors.js";
 import { Compare, WORDS } from "./compare.js";
 import { Figure } from "./figure.js";
-import { History, localRotation, toQuaternion } from "./pose.js";
+import { HeatMap } from "./heat.js";
+import { heaviest, root } from "./level.js";
+import { History, center, localRotation, toQuaternion } from "./pose.js";
 import { Explorer } from "./explorer.js";
+import { Handles } from "./handles.js";
 import { LiveSource, RecordedSource } from "./source.js";
+import { Marks } from "./marks.js";
 import { Overlay, pick } from "./overlays.js";
 import { Painting } from "./painting.js";
+import { pictures } from "./pictures.js";
 import { Picking, stand } from "./picking.js";
 import { Studio } from "./studio.js";
 import { Tuning } from "./tuning.js";
@@ -42,13 +47,14 @@ class Page {
     this.offset = new THREE.Vector3();
     this.history = new History(() => this.edited());
     this.explorer = new Explorer(this);
-    this.tuning = new Tuning(this);
+    this.tuning = new Tuning(this); this.handles = new Handles(this); this.marks = new Marks(this);
     this.picking = new Picking(this);
     this.painting = new Painting(this);
+    this.heat = new HeatMap(this);
     this.compare = new Compare($("compare-view"), this);
     new ResizeObserver(() => this.compare.on && this.compare.place()).observe($("compare-view"));
     studio.canvas.classList.add("empty");
-    studio.head = () => this.face();
+    Object.assign(pictures, { changed: () => { this.changed = true; } }); studio.head = () => this.face();
     $("legend-ramp").style.background = `linear-gradient(to right, ${RAMP.filter((_, i) => i % 15 === 0).map(css).join(", ")})`;
     this.publish();
   }
@@ -67,7 +73,8 @@ class Page {
       }))),
       drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
       hands: read(() => page.tuning.told),
-      landmarks: read(() => page.picking.told),
+      landmarks: read(() => page.picking.told), handles: read(() => page.handles.told), marks: read(() => page.marks.told),
+      heat: read(() => page.heat.told), pictures: read(() => pictures.told),
       painting: read(() => page.painting.told),
       selected: read(() => page.figure?.joints[page.selected] ?? null),
       level: read(() => (page.figure ? Number($("loa").value) : null)),
@@ -137,7 +144,7 @@ class Page {
     $("deformer").value = figure.deformer;
     $("deformer").disabled = !figure.isBody;
     this.explorer.present(figure, this.hello);
-    this.tuning.show(figure);
+    this.tuning.show(figure); this.handles.show(figure);
     this.painting.show(figure);
     this.history.done.length = this.history.undone.length = 0;
     this.edited();
@@ -168,7 +175,8 @@ class Page {
   arrive() {
     this.arrived = true;
     if (this.figures.size === 1 && !this.figure.isBody) stand(this.figure);
-    this.picking.show();
+    this.picking.show(); this.marks.arrive();
+    this.heat.arrive();
     const boxes = [...this.figures.values()].map((f) => f.box());
     const low = [0, 1, 2].map((a) => Math.min(...boxes.map((b) => b[0][a]))), high = [0, 1, 2].map((a) => Math.max(...boxes.map((b) => b[1][a])));
     this.studio.followed = null;
@@ -195,6 +203,7 @@ class Page {
       this.rebase();
     }
     if (this.changed || this.studio.moving) for (const o of this.overlays.values()) o.update((p) => this.studio.pixel(p));
+    if (this.changed || this.studio.moving) this.marks.update();
     if (this.changed) this.compare.update();
     this.compare.tick(now, this.header.playing);
     if (this.changed) {
@@ -206,7 +215,7 @@ class Page {
     this.studio.settle(now - (this.stillSince ?? now) > 300);
     if (this.studio.draw(dt, this.changed)) {
       this.explorer.beacon.update(this.studio);
-      this.picking.draw();
+      this.picking.draw(); this.handles.draw();
       this.drawn.push(now);
       while (this.drawn.length > 60 || now - this.drawn[0] > 3000) this.drawn.shift();
       if (this.header.playing && dt) this.studio.watch(Math.max(performance.now() - began, 1000 * dt));
@@ -281,18 +290,16 @@ class Page {
   }
 
   reset() {
-    const { figure } = this, turns = new Map(figure.turns), shapes = new Map(figure.displaced);
-    if (!turns.size && !shapes.size) return;
-    const put = (t, s) => {
+    const { figure } = this, turns = new Map(figure.turns), shapes = new Map(figure.displaced), { shift } = figure;
+    if (!turns.size && !shapes.size && !shift) return;
+    const put = (t, s, by) => {
       this.source.clear(figure.name);
-      figure.turns = new Map(t);
       figure.displaced = new Map(s);
-      for (const [j, R] of t) this.source.rotation(figure.name, figure.joints[j], toQuaternion(R));
       for (const [d, w] of s) this.source.displacer(figure.name, figure.displacers[d].name, w);
-      this.refresh(figure);
+      this.handles.put({ turns: t, shift: by });
     };
-    put([], []);
-    this.history.push({ undo: () => put(turns, shapes), redo: () => put([], []) });
+    put([], [], null);
+    this.history.push({ undo: () => put(turns, shapes, shift), redo: () => put([], [], null) });
   }
 
   /** All displacers back to what the clip gives, in one step. */
@@ -314,13 +321,14 @@ class Page {
 
   looks() {
     for (const figure of this.figures.values()) {
-      const own = figure === this.figure;
+      const own = this.mode === "heat" ? figure.heat : figure === this.figure;
       figure.paint(own || this.mode === "segments" ? this.mode : "skin", Math.max(0, this.selected));
       figure.wireframe(pressed("wire"));
       figure.overlay.skeleton.visible = pressed("bones");
       figure.overlay.pins.visible = pressed("sites");
     }
     this.explorer.showRanges();
+    this.heat.update();
     $("legend").hidden = this.mode !== "weights" || !this.figure?.isBody;
     $("details").classList.toggle("short", !$("legend").hidden); // room for the legend
     $("legend-name").textContent = `Weight of ${this.figure?.joints[Math.max(0, this.selected)] ?? ""}`;
@@ -378,13 +386,14 @@ class Page {
 
   async savePicture() { download(await this.studio.picture(), `${this.fileName()}.png`); this.changed = true; }
 
-  /** {joint: [x, y, z, angle]} of every joint that is turned: what `vitruvian pose --joints` reads. */
+  /** {joint: [x, y, z, angle]} of every joint that is turned, and where a shifted body is: what `vitruvian pose --joints` reads. */
   savePose() {
     const f = this.figure, out = {};
     f?.joints.forEach((name, j) => {
       const [x, y, z, w] = toQuaternion(localRotation(f.pose, f.parents, j)), s = Math.hypot(x, y, z), angle = 2 * Math.atan2(s, w);
       if (s > 1e-5) out[name] = [x / s, y / s, z / s, angle > Math.PI ? angle - 2 * Math.PI : angle].map((n) => Number(n.toFixed(7)));
     });
+    if (f?.shift) out[`${f.joints[0]}.translation`] = center(f.pose, f.centers, 0).map((x, c) => Number((x - f.centers[c]).toFixed(7)));
     download(new Blob([JSON.stringify(out, null, 1)], { type: "application/json" }), `${this.fileName()}.json`);
   }
 
@@ -441,7 +450,7 @@ class Page {
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
-      Q: press("compare"), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), 9: press("save-hands"), Backspace: press("unselect"),
+      Q: press("compare"), "*": press("heat"), ":": () => this.heat.next(), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), 9: press("save-hands"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },
@@ -472,28 +481,12 @@ class Page {
 
   at(e) {
     const [x, y, w, h] = this.studio.local(e.clientX, e.clientY);
-    return this.figure.overlay.nearest(x, y, this.studio.camera, w, h);
+    return this.marks.nearest(e.clientX, e.clientY) ?? this.figure.overlay.nearest(x, y, this.studio.camera, w, h);
   }
 }
 
 const narrow = () => innerWidth <= 480; // a telephone: room for one panel
 const closePanels = (but = null) => { for (const p of document.querySelectorAll(".panel")) if (p !== but) p.open = false; };
-const MODES = ["weights", "segments", "stripes"];
+const MODES = ["weights", "segments", "stripes", "heat"];
 const pressed = (id) => $(id).getAttribute("aria-pressed") === "true";
-const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers } : blocks);
-
-/** Joint that the camera follows: the first that has several children, else the first. */
-function root(figure) {
-  if (figure.rootJoint === undefined) {
-    const children = figure.joints.map((_, j) => figure.parents.filter((p) => p === j).length);
-    figure.rootJoint = Math.max(0, children.findIndex((n) => n > 1));
-  }
-  return figure.rootJoint;
-}
-
-/** Joint with the most skin: a good first one to show the weights of. */
-function heaviest(figure) {
-  const sum = new Float64Array(figure.joints.length);
-  figure.joint.forEach((j, k) => { sum[figure.kept[j]] += figure.weight[k]; });
-  return sum.indexOf(Math.max(...sum));
-}
+const without = (blocks) => (blocks?.vertices ? { pose: blocks.pose, displacers: blocks.displacers, markers: blocks.markers } : blocks);

@@ -2,6 +2,8 @@
 
 import * as THREE from "three";
 import { download, el, keys } from "./controls.js";
+import { Girths } from "./girths.js";
+import { SURE, Searching, sureColor } from "./searching.js";
 import { across, mirrorPlane, nearest, reflected } from "./surface.js";
 
 const $ = (id) => document.getElementById(id);
@@ -11,6 +13,8 @@ const mate = (name) => (/^[lr]_/.test(name) ? (name[0] === "l" ? "r" : "l") + na
 export class Picking {
   constructor(page) {
     Object.assign(this, { page, panel: $("points-panel"), points: new Map(), names: [], rows: new Map(), labels: new Map(), selected: null, figure: null });
+    this.searching = new Searching(this);
+    this.girths = new Girths(this);
     this.panel.addEventListener("toggle", () => this.update());
     $("points-mirror").onclick = () => this.mirror();
     $("points-delete").onclick = () => this.remove(this.selected);
@@ -20,10 +24,10 @@ export class Picking {
     $("points-file").onchange = (e) => { const [file] = e.target.files; e.target.value = ""; if (file) file.text().then((text) => this.read(text)); };
     $("points-list").addEventListener("keydown", (e) => this.walk(e));
     const press = (id) => () => { if (!this.panel.hidden && !$(id).disabled) $(id).click(); };
-    keys({ 5: () => { if (!this.panel.hidden) this.panel.open = !this.panel.open; }, ";": press("points-mirror"), Delete: press("points-delete"), "'": () => this.placeAtPointer(), "\\": press("points-snap"), "`": press("points-save") });
+    keys({ 5: () => { if (!this.panel.hidden) this.panel.open = !this.panel.open; }, ";": press("points-mirror"), Delete: press("points-delete"), "'": () => this.placeAtPointer(), "\\": press("points-snap"), "`": press("points-save"), "!": press("points-find"), "#": press("points-girths") });
     const stage = page.studio.canvas.parentElement, own = (act) => (e) => { if (e.target === page.studio.canvas) act(e); };
     stage.addEventListener("pointerdown", own((e) => this.down(e)), true); // before the camera's
-    stage.addEventListener("pointermove", own((e) => { this.pointer = [e.clientX, e.clientY]; }), true);
+    stage.addEventListener("pointermove", own((e) => { this.pointer = [e.clientX, e.clientY]; this.hover(e); }), true);
     stage.addEventListener("click", own((e) => this.click(e)), true);
   }
 
@@ -38,7 +42,9 @@ export class Picking {
     const given = Object.entries(keeps?.points ?? {});
     if (!this.points.size) this.points = new Map(given.map(([name, point]) => [name, { point }])); // a reconnected page keeps its own
     this.names = this.figure.features;
+    this.segments = new Map(this.names.map((n) => [n.name, n.segment]));
     for (const name of this.points.keys()) if (!this.names.some((n) => n.name === name)) this.names.push({ name, segment: "", needed: false });
+    this.searching.show();
     $("points-save").hidden = !keeps?.landmarks;
     $("points-list").replaceChildren(...this.names.map((n) => this.row(n)));
     if (given.length) this.panel.open = true;
@@ -73,10 +79,23 @@ export class Picking {
     this.rows.get(name)?.scrollIntoView({ block: "nearest" });
   }
 
-  /** The first name without a point after `name`: of those that a fit needs, then of all. */
+  /** The first name after `name` that wants a point: of those that a fit needs, then unsure ones, then all without. */
   next(name) {
-    const i = this.names.findIndex((n) => n.name === name), order = [...this.names.slice(i + 1), ...this.names.slice(0, i + 1)].filter((n) => !this.points.has(n.name));
-    return (order.find((n) => n.needed) ?? order[0])?.name ?? name;
+    const i = this.names.findIndex((n) => n.name === name), order = [...this.names.slice(i + 1), ...this.names.slice(0, i + 1)];
+    const without = order.filter((n) => !this.points.has(n.name)), unsure = order.filter((n) => this.points.get(n.name)?.confidence < SURE);
+    return (without.find((n) => n.needed) ?? unsure.find((n) => n.needed) ?? unsure[0] ?? without[0])?.name ?? name;
+  }
+
+  /** List what is needed and missing first, then what was found from unsure to sure, then what was set, then the others. */
+  sort() {
+    const rank = ({ name, needed }) => { const p = this.points.get(name); return !p ? (needed ? -1 : 3) : p.confidence ?? 2; };
+    this.names = this.names.map((n, i) => [rank(n), i, n]).sort((a, b) => a[0] - b[0] || a[1] - b[1]).map(([, , n]) => n);
+    $("points-list").replaceChildren(...this.names.map((n) => this.rows.get(n.name)));
+  }
+
+  /** The names of points that were found show while the pointer is near. */
+  hover(e) {
+    for (const { box, at, behind } of this.labels.values()) box.classList.toggle("hover", Boolean(at) && !behind && !e.buttons && Math.hypot(at[0] - e.clientX, at[1] - e.clientY) < NEAR);
   }
 
   // Placing ---------------------------------------------------------------------------------------------------------
@@ -148,6 +167,7 @@ export class Picking {
     const set = (list) => {
       for (const [name, p] of list) { if (p) this.points.set(name, p); else this.points.delete(name); }
       this.update();
+      this.girths.refresh();
     };
     set(changes);
     this.page.history.push({ undo: () => set(before), redo: () => set(changes) });
@@ -181,11 +201,15 @@ export class Picking {
 
   // Files -----------------------------------------------------------------------------------------------------------
 
-  get json() { return Object.fromEntries([...this.points].map(([name, { point }]) => [name, point.map((x) => Number(x.toPrecision(8)))])); }
+  /** Points that count: set by hand, or found with some confidence. */
+  get json() { return asJson([...this.points].filter(([, p]) => (p.confidence ?? 1) >= SURE)); }
+
+  get allPoints() { return asJson([...this.points]); }
 
   save() {
-    this.page.source.landmarks(this.figure.name, this.json);
-    this.say(`${this.points.size} sent to ${this.page.hello.keeps.landmarks}.`);
+    const sent = this.json, n = Object.keys(sent).length, left = this.points.size - n;
+    this.page.source.landmarks(this.figure.name, sent);
+    this.say(`${n} sent to ${this.page.hello.keeps.landmarks}${left ? `; ${left} unsure ones left out` : ""}.`);
   }
 
   download() { download(new Blob([JSON.stringify(this.json, null, 1)], { type: "application/json" }), `${this.page.fileName()}-landmarks.json`); }
@@ -224,9 +248,13 @@ export class Picking {
       const row = this.rows.get(name), p = this.points.get(name);
       row.classList.toggle("placed", Boolean(p));
       row.classList.toggle("proposed", Boolean(p?.proposed));
+      row.classList.toggle("unsure", p?.confidence < SURE);
+      row.querySelector(".state").style.background = p?.confidence === undefined ? "" : sureColor(p.confidence);
+      row.querySelector(".where").textContent = p?.confidence === undefined ? this.segments.get(name) ?? "" : `${Math.round(100 * p.confidence)} %`;
       row.setAttribute("aria-pressed", String(name === this.selected));
       row.tabIndex = name === this.selected ? 0 : -1;
     }
+    this.searching.update();
     $("points-delete").disabled = !this.points.has(this.selected);
     $("points-mirror").disabled = this.points.size < 3;
     $("points-save").disabled = $("points-download").disabled = !this.points.size;
@@ -235,6 +263,7 @@ export class Picking {
 
   /** Labels where the points are in the picture; those on the far side are faint. */
   draw() {
+    this.girths.draw();
     const { figure, page } = this, shown = Boolean(figure) && this.panel.open, seen = new Set(shown ? this.points.keys() : []);
     for (const [name, { box }] of this.labels) if (!seen.has(name)) { box.remove(); this.labels.delete(name); }
     if (!shown) return;
@@ -257,13 +286,16 @@ export class Picking {
       box.classList.toggle("behind", label.behind);
       box.classList.toggle("proposed", Boolean(entry.proposed));
       box.classList.toggle("chosen", name === this.selected);
+      box.classList.toggle("found", entry.confidence !== undefined);
+      box.firstChild.style.background = entry.confidence === undefined || name === this.selected ? "" : sureColor(entry.confidence);
     }
   }
 
   /** What scripts may read. */
-  get told() { return this.figure && { selected: this.selected, points: this.json, proposed: [...this.points].filter(([, p]) => p.proposed).map(([n]) => n) }; }
+  get told() { return this.figure && { busy: this.searching.running, all: this.allPoints, confidence: Object.fromEntries([...this.points].filter(([, p]) => p.confidence !== undefined).map(([n, p]) => [n, p.confidence])), girths: this.girths.json, order: this.names.map((n) => n.name), selected: this.selected, points: this.json, proposed: [...this.points].filter(([, p]) => p.proposed).map(([n]) => n) }; }
 }
 
+const asJson = (points) => Object.fromEntries(points.map(([name, { point }]) => [name, point.map((x) => Number(x.toPrecision(8)))]));
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 
 /** A normal in the scan's own axes, turned to the side that is looked at: scans may be inside out. */

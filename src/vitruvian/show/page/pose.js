@@ -73,6 +73,15 @@ export function turned(pose, turns, parents, centers, out) {
   return out;
 }
 
+/** Move the first joint of `pose`, and all that hangs on it. */
+export function shifted(pose, by, parents) {
+  const first = parents.map(() => false);
+  parents.forEach((p, j) => {
+    first[j] = j === 0 || (p >= 0 && first[p]);
+    if (first[j]) for (let r = 0; r < 3; r++) pose[12 * j + 4 * r + 3] += by[r];
+  });
+}
+
 /** Where joint j's centre is in `pose`. */
 export function center(pose, centers, j) {
   const m = 12 * j, x = centers[3 * j], y = centers[3 * j + 1], z = centers[3 * j + 2];

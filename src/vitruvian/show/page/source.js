@@ -1,6 +1,7 @@
 // Where frames come from: a live server, or a recording in the page. Both have the same controls.
 // on.welcome(header), on.mesh(header, blocks), on.frame(header, blocks), on.state(text): called as things arrive.
 
+import { pictures } from "./pictures.js";
 import { VERSION, decode, messages } from "./wire.js";
 
 /** Frames over a WebSocket. The server keeps the clock; every frame drawn is acknowledged. */
@@ -42,7 +43,10 @@ export class LiveSource {
       this.retry = 0;
       this.on.state("");
       this.on.welcome(header);
-    } else if (header.type === "mesh") this.on.mesh(header, message.blocks);
+    } else if (header.type === "picture") pictures.take(header, message.blocks);
+    else if (header.type === "mesh") this.on.mesh(header, message.blocks);
+    else if (header.type === "search") this.on.picking.searching.heard(header);
+    else if (header.type === "reached") this.on.handles.reached(header);
     else if (header.type === "error") this.on.state(header.message);
     else if (header.type === "frame") {
       this.state = { playing: header.playing, speed: header.speed, loop: header.loop };
@@ -75,10 +79,19 @@ export class LiveSource {
   /** `weight` null: what the clip gives. */
   displacer(actor, name, weight) { this.send(weight === null ? { type: "clear_displacer", actor, name } : { type: "set_displacer", actor, name, weight }); }
   clear(actor) { this.send({ type: "clear_pose", actor }); }
+  /** Have these turns {joint: xyzw} and this shift of the first joint on top of the clip, and no others. */
+  pose(actor, turns, shift) { this.send({ type: "set_pose", actor, turns, shift }); }
+  /** Bring the handle `name` to its place among `places` {handle: [x, y, z]}, which hold the others; answered by `reached`. */
+  reach(actor, name, places, gesture, level) { this.send({ type: "reach", actor, name, places, gesture, level }); }
   /** `roundings`: {joint: words} of those that differ from the body's own; `rounded`: with the second pass. */
   hands(actor, roundings, rounded) { this.send({ type: "set_hands", actor, roundings, rounded }); }
   /** `points`: {feature point: [x, y, z]} of a scan, to be saved. */
   landmarks(actor, points) { this.send({ type: "set_landmarks", actor, points }); }
+  /** Look for the feature points of a scan. */
+  find(actor) { this.send({ type: "find_landmarks", actor }); }
+  /** Take the girths that `points` allow. */
+  girths(actor, points) { this.send({ type: "take_girths", actor, points }); }
+  stopSearch(actor) { this.send({ type: "stop_search", actor }); }
   /** A piece of the CSV of all weights of a body, to be saved with the last one. */
   weights(actor, text, last) { this.send({ type: "set_weights", actor, text, last }); }
 }
@@ -99,6 +112,7 @@ export class RecordedSource {
     this.mixed = {};
     for (const { header, blocks } of messages(bytes)) {
       if (header.type === "hello") on.welcome((this.hello = header));
+      else if (header.type === "picture") pictures.take(header, blocks);
       else if (header.type === "mesh") { this.travel[header.actor] = header.travel; on.mesh(header, blocks); }
       else this.frames.push({ header, blocks });
     }
@@ -128,7 +142,7 @@ export class RecordedSource {
       const travel = this.travel[actor] ?? [0, 0, 0], travels = travel.some((x) => x);
       const out = (this.mixed[actor] = { ...here[actor] });
       if ((wraps && !travels) || here[actor].vertices) continue; // stored points are of their own pose only
-      for (const channel of ["pose", "displacers"]) {
+      for (const channel of ["pose", "displacers", "markers"]) {
         const a = here[actor][channel]?.array, b = next[actor][channel]?.array;
         if (!a) continue;
         const c = new Float32Array(a.length);
@@ -161,6 +175,7 @@ export class RecordedSource {
   rotation() {}
   displacer() {}
   clear() {}
+  pose() {}
   hands() {}
   landmarks() {}
   weights() {}

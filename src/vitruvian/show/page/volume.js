@@ -2,6 +2,7 @@
 // on its bent bone; where no section is one limb's it fades to "log". No drawing library here.
 
 import { blend, deform, linear, once } from "./deform.js";
+import { forked } from "./forks.js";
 import { welded } from "./mesh.js";
 
 const LEAST = 0.02; // what an influence counts for far from its bone
@@ -14,6 +15,7 @@ const SPACING = 0.5, STATIONS = 64; // radii between stations along a bone, and 
 const ROUND = 4; // times that the weights of a station are mixed with its neighbours'
 const OPEN = [0.1, 0.2]; // lengths of the mean direction over all that is seen from a section's centre: closed, and not
 const NEAR = 0.2; // mean radii: skin nearer to its centre is seen as from there
+const TIE = 1e-5; // of a bone: what lies in the plane of a joint, or of a bone's middle, does so after rounding too
 const LIGHT = 1 / 64; // weights below this are left out where they are made even
 
 /** As `deform`: p' = R (p - c) + sum v_i M_i c, R the rotation of "log", c the centre of the vertex's section. */
@@ -80,9 +82,11 @@ function sections(given) {
   }
   const closes = averaged(given, closed, 1, BLUR), straight = clear(skin, straightness(given, false));
   const rows = new Uint32Array(V + 1), joints = [], weights = [], even = new Float64Array(J + 1), mixed = spread(sums, links);
+  let any = false;
   const rigid = row.every((k, v) => v === 0 || k - row[v - 1] <= 1); // pieces that ride on their joints stay as they are
   for (let v = 0; v < V; v++) {
     const share = rigid ? 0 : closes[v] * within[v] * straight[v];
+    any ||= share > 0;
     for (let c = 3 * v; c < 3 * v + 3; c++) center[c] += share * (fanned[c] - center[c]);
     const own = Math.hypot(...minus(at(rest, v), at(center, v)));
     radius[v] = own + share * (mean[v] - own);
@@ -98,7 +102,9 @@ function sections(given) {
     } else for (let k = row[v]; k < row[v + 1]; k++) { joints.push(joint[k]); weights.push(weight[k]); }
     rows[v + 1] = joints.length;
   }
-  return { center, radius, rows: { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) } };
+  const out = { row: rows, joint: Uint16Array.from(joints), weight: Float64Array.from(weights) };
+  if (any) forked(skin, out, center, radius, area);
+  return { center, radius, rows: out };
 }
 
 /** Mean weights by station, each mixed with its two neighbours some times over; where there are not two it keeps its own. */
@@ -152,7 +158,7 @@ function fans({ V, J, rest, centers, parents }, bone, center) {
     if (k < 0) continue;
     const own = way(j, k), size = dot(own, own);
     if (Math.sqrt(size) < 1e-6) continue;
-    const later = dot(minus(at(center, v), at(centers, j)), own) > size / 2, n = later ? k : j, above = parents[n], below = only[n];
+    const later = dot(minus(at(center, v), at(centers, j)), own) > size * (0.5 + TIE), n = later ? k : j, above = parents[n], below = only[n];
     const into = above < 0 || only[above] !== n ? own : way(above, n), on = below < 0 ? own : way(n, below);
     const { place, ahead } = fan(minus(at(rest, v), at(centers, n)), into.map((x) => x / 2), on.map((x) => x / 2));
     fanned.set(plus(place, at(centers, n)), 3 * v);
@@ -177,7 +183,7 @@ function fan(p, into, on) {
     else high = middle;
   }
   const { at: q, normal } = plane((low + high) / 2), left = dot(minus(p, q), normal);
-  return { place: q.map((x, i) => x + left * normal[i]), ahead: low + high >= 0 };
+  return { place: q.map((x, i) => x + left * normal[i]), ahead: low + high >= -2 * TIE };
 }
 
 /** The two stations (V*2, -1 for none) along its bone next to each vertex's centre, how much it belongs to each, and pairs of stations that follow each other. */
@@ -275,16 +281,24 @@ function aboves({ V, J, row, joint, parents }) {
   return out;
 }
 
-/** (V) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J) of joints. */
+/**
+ * (V) 1 where no joint between bones that go on in another direction moves a vertex; `straight` (J) of joints. A joint counts
+ * with all that lies past it on the limb, and with it all joints up to the next influence.
+ */
 function clear(skin, straight) {
-  const { V, J, row, joint, weight } = skin, above = aboves(skin), out = new Float64Array(V);
-  for (let v = 0; v < V; v++) {
-    out[v] = 1;
-    for (let k = row[v]; k < row[v + 1]; k++) if (above[k] >= 0 && joint[k] < J) {
-      out[v] *= 1 - Math.min(1, Math.max(0, EDGE * weight[k] * (1 - weight[k]))) * (1 - straight[joint[k]]);
-    }
+  const { V, row, joint, weight, parents } = skin, above = aboves(skin), past = Float64Array.from(weight);
+  for (let k = 0; k < joint.length; k++) for (let up = above[k]; up >= 0; up = above[up]) past[up] += weight[k];
+  let out = new Float64Array(V).fill(1);
+  for (let v = 0; v < V; v++) for (let k = row[v]; k < row[v + 1]; k++) if (above[k] >= 0) {
+    let least = 1;
+    for (let j = joint[k]; j !== joint[above[k]]; j = parents[j]) least = Math.min(least, straight[j]);
+    out[v] *= 1 - Math.min(1, Math.max(0, EDGE * past[k] * (1 - past[k]))) * (1 - least);
   }
-  return averaged(skin, out, 1, BLUR).map((s) => Math.min(1, Math.max(0, s)));
+  for (let n = 0; n < BLUR; n++) { // narrow bands keep what they are: they are the ones that stretch most
+    const mean = averaged(skin, out, 1, 1);
+    out = out.map((s, v) => Math.min(s, mean[v]));
+  }
+  return out.map((s) => Math.min(1, Math.max(0, s)));
 }
 
 /** (J) how straight the limb goes on at a joint at rest; with `square` also how square it goes off. */
