@@ -1,9 +1,10 @@
-"""Small capture files for tests: markers on a figure that walks, C3D by every processor, and their mutations."""
+"""Small capture files for tests: walking markers, C3D by every processor, models of OpenSim, and mutations."""
 
 from __future__ import annotations
 
 import random
 import struct
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -186,3 +187,52 @@ def mutated(data: bytes, seed: int) -> bytes:
             other = rng.randrange(len(out))
             out[at : at + size], out[other : other + size] = out[other : other + size], out[at : at + size]
     return bytes(out)
+
+
+# A leg of OpenSim: the shank slides along X by 0.1 b^3 while it turns by b
+AXIS = '<TransformAxis name="{}"><coordinates>{}</coordinates><axis>{}</axis><function>{}</function></TransformAxis>'
+LINE = "<LinearFunction><coefficients>1 0</coefficients></LinearFunction>"
+CURVE = (
+    "<MultiplierFunction><function><SimmSpline><x>-2 -1 0 1 2</x><y>-8 -1 0 1 8</y></SimmSpline></function>"
+    "<scale>0.1</scale></MultiplierFunction>"
+)
+
+
+def body(name: str, parent: str, axes: list[str], coordinates: list[str], place: str = "0 0 0") -> str:
+    """A body of an OpenSim 2.3 model on a custom joint."""
+    items = "".join(
+        f'<Coordinate name="{c}"><default_value>0</default_value><locked>false</locked></Coordinate>'
+        for c in coordinates
+    )
+    return (
+        f'<Body name="{name}"><Joint><CustomJoint name="j"><parent_body>{parent}</parent_body><location_in_parent>{place}'
+        f"</location_in_parent><orientation_in_parent>0 0 0</orientation_in_parent><location>0 0 0</location><orientation>"
+        f"0 0 0</orientation><CoordinateSet><objects>{items}</objects></CoordinateSet><SpatialTransform>{''.join(axes)}"
+        f"</SpatialTransform></CustomJoint></Joint></Body>"
+    )
+
+
+def model(*bodies: str, markers: Iterable[tuple[str, str, str]] = ()) -> str:
+    """An OpenSim 2.3 model; markers are (name, body, place)."""
+    marks = "".join(f'<Marker name="{n}"><body>{b}</body><location>{p}</location></Marker>' for n, b, p in markers)
+    return (
+        '<?xml version="1.0"?><OpenSimDocument Version="20303"><Model name="m"><length_units>meters</length_units>'
+        f'<BodySet><objects><Body name="ground"/>{"".join(bodies)}</objects></BodySet>'
+        f"<MarkerSet><objects>{marks}</objects></MarkerSet></Model></OpenSimDocument>"
+    )
+
+
+THIGH = body("thigh", "ground", [AXIS.format("rotation1", "a", "0 0 1", LINE)], ["a"], "0 1 0")
+SHANK = body(
+    "shank",
+    "thigh",
+    [AXIS.format("rotation1", "b", "0 0 1", LINE), AXIS.format("translation1", "b", "1 0 0", CURVE)],
+    ["b"],
+    "0 -0.5 0",
+)
+MARKS = [
+    ("T1", "thigh", "0.1 -0.2 0"),
+    ("T2", "thigh", "0 -0.4 0.1"),
+    ("S1", "shank", "0.1 -0.2 0"),
+    ("S2", "shank", "0 -0.4 0.1"),
+]

@@ -6,55 +6,11 @@ import numpy as np
 import pytest
 
 import vitruvian as vt
+from capture_maker import LINE, MARKS, SHANK, THIGH, model, mutated
 from vitruvian.body.kinematics import joint_positions, site_positions
 from vitruvian.errors import FileError, VitruvianError
 from vitruvian.formats.osim import read_osim
 from vitruvian.motion.mechanism import coordinates_of
-
-AXIS = '<TransformAxis name="{}"><coordinates>{}</coordinates><axis>{}</axis><function>{}</function></TransformAxis>'
-LINE = "<LinearFunction><coefficients>1 0</coefficients></LinearFunction>"
-CURVE = (
-    "<MultiplierFunction><function><SimmSpline><x>-2 -1 0 1 2</x><y>-8 -1 0 1 8</y></SimmSpline></function>"
-    "<scale>0.1</scale></MultiplierFunction>"
-)
-
-
-def body(name, parent, axes, coordinates, place="0 0 0"):
-    items = "".join(
-        f'<Coordinate name="{c}"><default_value>0</default_value><locked>false</locked></Coordinate>'
-        for c in coordinates
-    )
-    return (
-        f'<Body name="{name}"><Joint><CustomJoint name="j"><parent_body>{parent}</parent_body><location_in_parent>{place}'
-        f"</location_in_parent><orientation_in_parent>0 0 0</orientation_in_parent><location>0 0 0</location><orientation>"
-        f"0 0 0</orientation><CoordinateSet><objects>{items}</objects></CoordinateSet><SpatialTransform>{''.join(axes)}"
-        f"</SpatialTransform></CustomJoint></Joint></Body>"
-    )
-
-
-def model(*bodies, markers=()):
-    marks = "".join(f'<Marker name="{n}"><body>{b}</body><location>{p}</location></Marker>' for n, b, p in markers)
-    return (
-        '<?xml version="1.0"?><OpenSimDocument Version="20303"><Model name="m"><length_units>meters</length_units>'
-        f'<BodySet><objects><Body name="ground"/>{"".join(bodies)}</objects></BodySet>'
-        f"<MarkerSet><objects>{marks}</objects></MarkerSet></Model></OpenSimDocument>"
-    )
-
-
-THIGH = body("thigh", "ground", [AXIS.format("rotation1", "a", "0 0 1", LINE)], ["a"], "0 1 0")
-SHANK = body(
-    "shank",
-    "thigh",
-    [AXIS.format("rotation1", "b", "0 0 1", LINE), AXIS.format("translation1", "b", "1 0 0", CURVE)],
-    ["b"],
-    "0 -0.5 0",
-)
-MARKS = [
-    ("T1", "thigh", "0.1 -0.2 0"),
-    ("T2", "thigh", "0 -0.4 0.1"),
-    ("S1", "shank", "0.1 -0.2 0"),
-    ("S2", "shank", "0 -0.4 0.1"),
-]
 
 
 def test_a_joint_that_slides_while_it_turns(tmp_path):
@@ -113,8 +69,6 @@ def test_what_is_no_model(text, message, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::vitruvian.errors.VitruvianWarning")
 def test_mutations_are_refused_or_read(tmp_path):
-    from capture_maker import mutated
-
     data, path = model(THIGH, SHANK, markers=MARKS).encode(), tmp_path / "mutant.osim"
     refused = 0
     for seed in range(200):

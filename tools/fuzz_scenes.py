@@ -139,15 +139,16 @@ def own_files(known: set[str]) -> Iterator[Source]:
 
 
 def _captures(known: set[str]) -> Iterator[Source]:
-    """Capture files that we do not write: a skeleton of Acclaim, markers of C3D, a table of OpenSim."""
+    """Capture files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-    from capture_maker import ASF, LABELS, c3d, cloud
+    from capture_maker import ASF, LABELS, MARKS, SHANK, THIGH, c3d, cloud, model
 
     table = "still\nversion=1\nnRows=3\nnColumns=3\ninDegrees=yes\nendheader\ntime\tknee_r\tpelvis_ty\n"
     table += "".join(f"{0.1 * k:.1f}\t{5 * k}\t0.9\n" for k in range(3))
     made = {
         ".asf": ASF.encode(),
         ".c3d": c3d(cloud() * 1000, list(LABELS)),
+        ".osim": model(THIGH, SHANK, markers=MARKS).encode(),
         ".mot": table.encode(),
         ".sto": table.encode(),
     }
