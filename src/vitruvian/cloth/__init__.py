@@ -1,0 +1,1 @@
+"""Garments: patterns, fabrics, the tailor and the solver. Arrays only, no files."""
