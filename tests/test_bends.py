@@ -15,6 +15,7 @@ import vitruvian as vt
 from test_contours import TURNS, exact, posed, tube
 from vitruvian.body.contours import limb
 from vitruvian.body.types import Body
+from vitruvian.deform import contour_steps
 from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
@@ -96,10 +97,10 @@ def test_the_kernel_recentres_as_its_twin_and_turns_with_the_character(seed, a, 
         posed(body.skeleton, j0=[0, 1, 1, b], j1=[*axes[0], a + step], j2=[*axes[1], b]) for step in (0, 0.2, 0.4)
     ])  # fmt: skip
     program = deformer("contours", body).operator.program
-    native, twin = operator.motions(program, m)[:, 3:], operator.twin(program, m)
+    native, twin = contour_steps.motions(program, m)[:, 3:], contour_steps.twin(program, m)
     assert np.isfinite(native).all() and np.abs(native - twin).max() < 1e-9
     g = posed(body.skeleton, j0=[*rng.normal(size=3), 1.0])[0]
-    assert np.abs(operator.motions(program, g @ m)[:, 3:] - g @ native).max() < 1e-9
+    assert np.abs(contour_steps.motions(program, g @ m)[:, 3:] - g @ native).max() < 1e-9
 
 
 def test_what_is_not_recentred_reads_nothing_of_it():
@@ -108,8 +109,8 @@ def test_what_is_not_recentred_reads_nothing_of_it():
     program = deformer("contours", body).operator.program
     other = replace(program, way=program.way + 7, aside=program.aside * 3, seam=program.seam + 1, limb=program.limb * 0)
     m = posed(body.skeleton, j1=[1, 0, 0, 1.4], j2=[0, 1, 0.2, 0.7])[None]
-    assert np.array_equal(operator.motions(program, m), operator.motions(other, m))
-    assert np.array_equal(operator.twin(program, m), operator.twin(other, m))
+    assert np.array_equal(contour_steps.motions(program, m), contour_steps.motions(other, m))
+    assert np.array_equal(contour_steps.twin(program, m), contour_steps.twin(other, m))
     numbers = np.arange(60).reshape(15, 4)
     fixed = limb("s", numbers, 1, None, fixed=3, upper=6, recentre=True)
     assert fixed.recentre.tolist() == [0] * 9 + [1] * 6
@@ -340,4 +341,4 @@ def test_levels_of_detail_are_recentred_alike(bodies):
     small, source = coarser(body, contours=3, points=2)
     m = posed(body.skeleton, l_knee=[1, 0, 0, 1.4], r_elbow=[-1, 0, 0, 1.2], l_radiocarpal=[0, 1, 1, 0.8])
     assert np.array_equal(deformer("contours", small)(m), deformer("contours", body)(m)[source])
-    assert {f.name for f in fields(operator.Program)} >= {"recentre", "limb", "way", "aside", "seam"}
+    assert {f.name for f in fields(contour_steps.Program)} >= {"recentre", "limb", "way", "aside", "seam"}

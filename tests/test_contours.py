@@ -10,6 +10,7 @@ from vitruvian.body.contours import Contours, distal_shares, limb, own_shares, s
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.rotations import from_axis_angle
 from vitruvian.body.types import Body, Skeleton, Skin, Weights
+from vitruvian.deform import contour_steps
 from vitruvian.deform import contours as operator
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError, VitruvianWarning
@@ -63,7 +64,7 @@ def posed(skeleton, **rotations):
 def exact(body, matrices, **options):
     """(V,3) float64 by the twin."""
     d = deformer("contours", body, **options)
-    m = operator.twin(d.operator.program, matrices[None])[0]
+    m = contour_steps.twin(d.operator.program, matrices[None])[0]
     owner = d.operator.owner
     return np.einsum("vab,vb->va", m[owner][:, :3, :3], body.skin.rest) + m[owner][:, :3, 3]
 
@@ -276,10 +277,10 @@ def test_the_kernel_does_what_its_twin_says_and_turns_with_the_character(seed, a
         posed(body.skeleton, j0=[0, 1, 1, b], j1=[*axes[0], a + step], j2=[*axes[1], b]) for step in (0, 0.2, 0.4)
     ])  # fmt: skip
     program = deformer("contours", body).operator.program
-    native, twin = operator.motions(program, m)[:, 3:], operator.twin(program, m)
+    native, twin = contour_steps.motions(program, m)[:, 3:], contour_steps.twin(program, m)
     assert np.abs(native - twin).max() < 1e-9
     g = posed(body.skeleton, j0=[*rng.normal(size=3), 1.0])[0]
-    assert np.abs(operator.motions(program, g @ m)[:, 3:] - g @ native).max() < 1e-9
+    assert np.abs(contour_steps.motions(program, g @ m)[:, 3:] - g @ native).max() < 1e-9
 
 
 def test_wrong_parameters_are_named():
@@ -323,7 +324,7 @@ def test_the_built_in_person_becomes_a_contour_body(sliced):
         points = body.skin.rest[surface.vertices]
         area = np.cross(points, np.roll(points, -1, axis=1)).sum(axis=(1, 2))
         axis = points[-1].mean(axis=0) - points[0].mean(axis=0)
-        normals = operator.normals(points)
+        normals = contour_steps.normals(points)
         assert (normals @ axis < 0).mean() > 0.9 and np.isfinite(area).all()
 
 

@@ -19,7 +19,8 @@ from test_pictures import png
 from vitruvian.body.contours import grid
 from vitruvian.body.kinematics import joint_matrices
 from vitruvian.body.rotations import from_axis_angle
-from vitruvian.deform.contours import ContourOperator, Program
+from vitruvian.deform.contour_steps import Program
+from vitruvian.deform.contours import ContourOperator
 from vitruvian.errors import VitruvianError, VitruvianWarning
 from vitruvian.formats import registry
 from vitruvian.formats.live import CLOCK, SCRIPT, Live, _below, live_scene

@@ -76,7 +76,7 @@ const double kStill[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
 }  // namespace
 
 // How joint `near` (or nothing, -1) and joint `far` are turned against each other, of one frame: 12 doubles a link.
-// The whole turn (3), its part across the axis (3), the angle about the axis, the offset of the centre (3), the angles of
+// The whole turn (3) where a step needs it, its part across the axis (3), the angle about the axis, the offset of the centre (3), the angles of
 // the whole and of the part across.
 // `before` (links,4) holds the quaternions of the frame before, for turns past 180 degrees; `fresh`: there is none.
 void contour_links(const double* matrix, const ContourProgram& p, bool follow, bool fresh, double* before, double* out) {
@@ -93,7 +93,8 @@ void contour_links(const double* matrix, const ContourProgram& p, bool follow, b
         const bool near_before = follow && !fresh && fabs(dot) >= 0.9238795325112867;  // turned by less than 45 degrees
         if (near_before ? dot < 0 : q.w < 0) q = {-q.x, -q.y, -q.z, -q.w};
         was[0] = q.x, was[1] = q.y, was[2] = q.z, was[3] = q.w;
-        logarithm(q, o);
+        o[0] = o[1] = o[2] = 0;
+        if (p.whole[l]) logarithm(q, o);
         const double* n = p.axis + 3 * l;
         const double along = q.x * n[0] + q.y * n[1] + q.z * n[2];
         const double size = sqrt(along * along + q.w * q.w);
@@ -162,32 +163,42 @@ void recentre(const double* matrix, const ContourProgram& p, int64_t k, const do
     for (int i = 0; i < 3; ++i) shift[i] += dot(f + i * 4, change);
 }
 
+// What the steps of contour k make of its base: three rows of its motion.
+void chain(const double* matrix, const ContourProgram& p, const double* links, const double* turns, int64_t k,
+           double* own) {
+    const double* start = p.base[k] < 0 ? kStill : matrix + int64_t(p.base[k]) * 16;
+    for (int i = 0; i < 12; ++i) own[i] = start[i];
+    for (int32_t s = p.row[k]; s < p.row[k + 1]; ++s) {
+        const int32_t l = p.step[s];
+        const double *o = links + int64_t(l) * 12, *n = p.axis + 3 * int64_t(l), *w = turns + 4 * int64_t(s);
+        const double *c = p.center + 3 * int64_t(p.link[2 * l + 1]), share = p.swing[s];
+        const double* v = p.twist[s] != p.twist[s] ? o : o + 3;
+        const Quaternion q = product({v[0] * w[0], v[1] * w[0], v[2] * w[0], w[1]},
+                                     {n[0] * w[2], n[1] * w[2], n[2] * w[2], w[3]});
+        double r[3][4], next[12];
+        rotation(q, r);
+        for (int i = 0; i < 3; ++i)
+            r[i][3] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
+        for (int i = 0; i < 3; ++i) {
+            const double x = own[i * 4], y = own[i * 4 + 1], z = own[i * 4 + 2], last[4] = {0, 0, 0, own[i * 4 + 3]};
+            for (int j = 0; j < 4; ++j) next[i * 4 + j] = last[j] + x * r[0][j] + y * r[1][j] + z * r[2][j];
+        }
+        for (int i = 0; i < 12; ++i) own[i] = next[i];
+    }
+}
+
 // Motions of the contours of one frame, (C,4,4).
 void contour_motions(const double* matrix, const ContourProgram& p, const double* links, const double* turns,
                      double* out) {
     for (int64_t k = 0; k < p.contours; ++k) {
         double* m = out + k * 16;
-        const double* start = p.base[k] < 0 ? kStill : matrix + int64_t(p.base[k]) * 16;
-        double own[12];
-        for (int i = 0; i < 12; ++i) own[i] = start[i];
-        for (int32_t s = p.row[k]; s < p.row[k + 1]; ++s) {
-            const int32_t l = p.step[s];
-            const double *o = links + int64_t(l) * 12, *n = p.axis + 3 * int64_t(l), *w = turns + 4 * int64_t(s);
-            const double *c = p.center + 3 * int64_t(p.link[2 * l + 1]), share = p.swing[s];
-            const double* v = p.twist[s] != p.twist[s] ? o : o + 3;
-            const Quaternion q = product({v[0] * w[0], v[1] * w[0], v[2] * w[0], w[1]},
-                                         {n[0] * w[2], n[1] * w[2], n[2] * w[2], w[3]});
-            double r[3][4], next[12];
-            rotation(q, r);
-            for (int i = 0; i < 3; ++i)
-                r[i][3] = c[i] + share * o[7 + i] - (r[i][0] * c[0] + r[i][1] * c[1] + r[i][2] * c[2]);
-            for (int i = 0; i < 3; ++i) {
-                const double x = own[i * 4], y = own[i * 4 + 1], z = own[i * 4 + 2], last[4] = {0, 0, 0, own[i * 4 + 3]};
-                for (int j = 0; j < 4; ++j) next[i * 4 + j] = last[j] + x * r[0][j] + y * r[1][j] + z * r[2][j];
-            }
-            for (int i = 0; i < 12; ++i) own[i] = next[i];
-        }
-        for (int i = 0; i < 12; ++i) m[i] = own[i];
+        if (p.same[k] < 0)
+            chain(matrix, p, links, turns, k, m);
+        else
+            for (int i = 0; i < 12; ++i) m[i] = out[int64_t(p.same[k]) * 16 + i];
+    }
+    for (int64_t k = 0; k < p.contours; ++k) {
+        double* m = out + k * 16;
         const double* c = p.middle + 3 * k;
         double shift[3] = {0, 0, 0};
         if (p.diversion[k] != 0) {

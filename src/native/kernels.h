@@ -73,6 +73,8 @@ struct ContourProgram {
     const double* way;           // (contours, 3) unit: along that bone
     const double* aside;         // (contours, 3) from the bone to the contour's centre, across it
     const double* seam;          // (contours,) where the ramp's seam is along that bone, from the joint on
+    const int32_t* same;         // (contours,) an earlier contour that takes the same steps from the same base, or -1
+    const uint8_t* whole;        // (links,) whether some step takes a share of the turn as a whole, not split
 };
 
 // One hand; see vitruvian.deform.hands.HandProgram.

@@ -284,31 +284,35 @@ Bound<vt::ContourProgram> bind_contours(
     Array<double, 1> twist, Array<double, 2> middle, Array<double, 2> along, Array<int32_t, 1> frame,
     Array<double, 1> diversion, Array<double, 1> mitre, Array<int32_t, 1> mitre_link, Array<double, 1> mitre_share,
     Array<double, 1> bulge, Array<int32_t, 1> bulge_link, Array<double, 1> recentre, Array<int32_t, 1> limb,
-    Array<double, 2> way, Array<double, 2> aside, Array<double, 1> seam) {
+    Array<double, 2> way, Array<double, 2> aside, Array<double, 1> seam, Array<int32_t, 1> same,
+    Array<uint8_t, 1> whole) {
     const int64_t links = int64_t(link.shape(0)), contours = int64_t(base.shape(0));
     check(axis.shape(0) == link.shape(0) && bone.shape(0) == link.shape(0), "program does not fit together");
     check(int64_t(row.shape(0)) == contours + 1 && swing.shape(0) == step.shape(0), "program does not fit together");
     check(twist.shape(0) == step.shape(0), "program does not fit together");
     check(recentre.shape(0) == base.shape(0) && limb.shape(0) == base.shape(0), "program does not fit together");
     check(way.shape(0) == base.shape(0) && aside.shape(0) == base.shape(0), "program does not fit together");
-    check(seam.shape(0) == base.shape(0), "program does not fit together");
+    check(seam.shape(0) == base.shape(0) && same.shape(0) == base.shape(0), "program does not fit together");
+    check(whole.shape(0) == link.shape(0), "program does not fit together");
     const vt::ContourProgram program{links, contours, int64_t(step.shape(0)), center.data(), link.data(), axis.data(),
                                      bone.data(), base.data(), row.data(), step.data(), swing.data(), twist.data(),
                                      middle.data(), along.data(), frame.data(), diversion.data(), mitre.data(),
                                      mitre_link.data(), mitre_share.data(), bulge.data(), bulge_link.data(),
-                                     recentre.data(), limb.data(), way.data(), aside.data(), seam.data()};
+                                     recentre.data(), limb.data(), way.data(), aside.data(), seam.data(), same.data(),
+                                     whole.data()};
     return bind(program, int64_t(center.shape(0)), center, link, axis, bone, base, row, step, swing, twist, middle,
                 along, frame, diversion, mitre, mitre_link, mitre_share, bulge, bulge_link, recentre, limb, way, aside,
-                seam);
+                seam, same, whole);
 }
 
-// The joint matrices (F,J,4,4) followed by the motions of the contours, (F,J+C,4,4).
+// The joint matrices (F,J,4,4), unless they are left out, followed by the motions of the contours: (F,J+C,4,4) or (F,C,4,4).
 nb::ndarray<nb::numpy, double> contour_motions(const Bound<vt::ContourProgram>& bound, Array<double, 4> matrices,
-                                               bool follow) {
+                                               bool follow, bool with_joints) {
     const vt::ContourProgram& p = bound.program;
     const int64_t frames = int64_t(matrices.shape(0)), joints = int64_t(matrices.shape(1));
     check(joints == bound.joints, "matrices do not fit");
-    auto out = owned<double>({size_t(frames), size_t(joints + p.contours), 4, 4});
+    const int64_t before_them = with_joints ? joints : 0;
+    auto out = owned<double>({size_t(frames), size_t(before_them + p.contours), 4, 4});
     double* result = out.data();
     std::unique_ptr<double[]> scratch(new double[size_t(p.links * 16 + (p.steps + 7) / 8 * 32)]);
     double *before = scratch.get(), *links = before + p.links * 4, *turns = links + p.links * 12;
@@ -317,9 +321,9 @@ nb::ndarray<nb::numpy, double> contour_motions(const Bound<vt::ContourProgram>& 
         const double* m = matrices.data() + f * joints * 16;
         use.contour_links(m, p, follow, f == 0, before, links);
         use.contour_turns(p, links, turns);
-        double* o = result + f * (joints + p.contours) * 16;
-        std::copy(m, m + joints * 16, o);
-        use.contour_motions(m, p, links, turns, o + joints * 16);
+        double* o = result + f * (before_them + p.contours) * 16;
+        std::copy(m, m + before_them * 16, o);
+        use.contour_motions(m, p, links, turns, o + before_them * 16);
     }
     return out;
 }
@@ -441,7 +445,8 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);  // programs bound by objects that live until the interpreter ends
     nb::class_<Bound<vt::ContourProgram>>(m, "Contours");
     m.def("bind_contours", &bind_contours);
-    m.def("contour_motions", &contour_motions, nb::arg("program"), nb::arg("matrices"), nb::arg("follow"));
+    m.def("contour_motions", &contour_motions, nb::arg("program"), nb::arg("matrices"), nb::arg("follow"),
+          nb::arg("with_joints") = true);
     nb::class_<Bound<vt::HandJob>>(m, "Hand");
     m.def("bind_hand", &bind_hand);
     m.def("hand", &hand, nb::arg("program"), nb::arg("matrices"), nb::arg("out"));

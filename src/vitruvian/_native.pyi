@@ -118,8 +118,8 @@ class Hand: ...
 def bind_contours(*arrays: Double | Ints) -> Contours:
     """In the order of src/native/kernels.h, ContourProgram."""
 
-def contour_motions(program: Contours, matrices: Double, follow: bool) -> Double:
-    """Joint matrices (F,J,4,4) followed by the motions of contours, (F,J+C,4,4)."""
+def contour_motions(program: Contours, matrices: Double, follow: bool, with_joints: bool = True) -> Double:
+    """Joint matrices (F,J,4,4), unless left out, followed by the motions of contours: (F,J+C,4,4) or (F,C,4,4)."""
 
 def bind_hand(*arrays: Double | Single | Ints) -> Hand:
     """In the order of src/native/kernels.h, HandJob."""

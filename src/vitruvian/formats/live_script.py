@@ -14,7 +14,9 @@ import numpy as np
 
 from vitruvian.body.contours import Contours
 from vitruvian.body.types import Body, Floats, Ints
-from vitruvian.deform.contours import ROUND, Program, program, retwisted, slabs
+from vitruvian.deform.contour_steps import Program, program
+from vitruvian.deform.contours import ROUND, retwisted
+from vitruvian.deform.survey import slabs
 from vitruvian.formats.live_parts import Soft, levels, staying
 
 _ALIASES = {"l_thigh": "l_hip", "r_thigh": "r_hip"}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.contours import Contours, carried_on, grid
 from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights, require
-from vitruvian.deform.contours import normals
+from vitruvian.deform.contour_steps import normals
 
 
 def coarser(body: Body, *, contours: int = 2, points: int = 2) -> tuple[Body, Ints]:

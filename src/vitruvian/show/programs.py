@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from vitruvian.body.hands import RANGES
 from vitruvian.body.types import Body
-from vitruvian.deform.contours import ContourOperator, Program
+from vitruvian.deform.contour_steps import Program
+from vitruvian.deform.contours import ContourOperator
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.deform.hand_terms import hand_program
 from vitruvian.show.wire import Block
