@@ -25,6 +25,16 @@ auto data(const std::optional<A>& array) {
     return array ? array->data() : nullptr;
 }
 
+// Whether the processor runs the kernels for x86-64-v3.
+inline bool newer() {
+#if defined(VT_HAVE_V3)
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2");
+#else
+    return false;
+#endif
+}
+
 inline void check(bool ok, const char* what) {
     if (!ok) throw nb::value_error(what);
 }

@@ -3,6 +3,8 @@
 #pragma once
 #include <cstdint>
 
+#include "cloth.h"
+
 namespace vt {
 
 // Vertices with the same padded number of influences, put together at bind time. Plain layout (linear): a row per
@@ -145,6 +147,8 @@ struct PoseFrame {
     void hand(const double* matrix, const HandJob& job, double* scratch, float* out);                                 \
     int64_t pose_room(const PoseProblem& problem);                                                                    \
     int solve_pose(const PoseProblem& problem, const PoseFrame& frame, double* room);                                 \
+    void cloth_frame(const ClothProgram& program, const ClothFrame& frame, const ClothBody& body,                     \
+                     const ClothTouch& touch);                                                                        \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

@@ -15,6 +15,10 @@
 
 using namespace vt::face;
 
+namespace vt::face {
+void bind_cloth(nb::module_& m);  // module_cloth.cpp
+}
+
 namespace {
 
 // An array that owns what `values` holds.
@@ -81,9 +85,7 @@ struct Kernels {
 
 Kernels best() {
 #if defined(VT_HAVE_V3)
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2"))
-        return VT_KERNELS(v3);
+    if (newer()) return VT_KERNELS(v3);
 #endif
     return VT_KERNELS(base);
 }
@@ -459,5 +461,6 @@ NB_MODULE(_native, m) {
           nb::arg("place"), nb::arg("weight"), nb::arg("prior_rotation").none(), nb::arg("prior_angle").none(),
           nb::arg("prior_shift").none(), nb::arg("tolerance"), nb::arg("damping"), nb::arg("idle"),
           nb::arg("iterations"), nb::arg("error"), nb::arg("steps"), nb::arg("threads") = 0);
+    vt::face::bind_cloth(m);
     m.def("parse_floats", &parse_floats, nb::arg("text"), nb::arg("expected") = -1);
 }

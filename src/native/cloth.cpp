@@ -1,0 +1,372 @@
+// Small-step XPBD (Macklin et al. 2019, "Small steps in physics simulation"): one pass over all constraints in each of
+// many substeps, so that multipliers need not be kept. Membrane: engineering strains along weft and warp and the shear
+// between them, three at once for each triangle. Bending: the quadratic hinge of Bergou et al. 2006 for flat cloth.
+#include "cloth.h"
+
+#include "kernels.h"
+#include "lanes.h"
+
+namespace vt::VT_NS {
+
+namespace {
+
+const float kTiny = 1e-12f;
+
+// Rows of four floats of eight vertices, as columns.
+VT_INLINE void gather(const float* x, const int32_t* index, f8 out[4]) {
+#if defined(VT_VECTORS)
+    f8 r[4];
+    for (int i = 0; i < 4; ++i) r[i] = join(load4(x + 4 * int64_t(index[i])), load4(x + 4 * int64_t(index[i + 4])));
+    const f8 t0 = VT_SHUFFLE8(r[0], r[1], 0, 8, 1, 9, 4, 12, 5, 13);
+    const f8 t1 = VT_SHUFFLE8(r[0], r[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    const f8 t2 = VT_SHUFFLE8(r[2], r[3], 0, 8, 1, 9, 4, 12, 5, 13);
+    const f8 t3 = VT_SHUFFLE8(r[2], r[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    out[0] = VT_SHUFFLE8(t0, t2, 0, 1, 8, 9, 4, 5, 12, 13);
+    out[1] = VT_SHUFFLE8(t0, t2, 2, 3, 10, 11, 6, 7, 14, 15);
+    out[2] = VT_SHUFFLE8(t1, t3, 0, 1, 8, 9, 4, 5, 12, 13);
+    out[3] = VT_SHUFFLE8(t1, t3, 2, 3, 10, 11, 6, 7, 14, 15);
+#else
+    for (int l = 0; l < 8; ++l)
+        for (int k = 0; k < 4; ++k) out[k][l] = x[4 * int64_t(index[l]) + k];
+#endif
+}
+
+VT_INLINE void scatter(float* x, const int32_t* index, const f8 in[4]) {
+#if defined(VT_VECTORS)
+    const f8 a = VT_SHUFFLE8(in[0], in[1], 0, 8, 1, 9, 4, 12, 5, 13), b = VT_SHUFFLE8(in[0], in[1], 2, 10, 3, 11, 6, 14, 7, 15);
+    const f8 c = VT_SHUFFLE8(in[2], in[3], 0, 8, 1, 9, 4, 12, 5, 13), d = VT_SHUFFLE8(in[2], in[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    const f8 r[4] = {VT_SHUFFLE8(a, c, 0, 1, 8, 9, 4, 5, 12, 13), VT_SHUFFLE8(a, c, 2, 3, 10, 11, 6, 7, 14, 15),
+                     VT_SHUFFLE8(b, d, 0, 1, 8, 9, 4, 5, 12, 13), VT_SHUFFLE8(b, d, 2, 3, 10, 11, 6, 7, 14, 15)};
+    for (int i = 0; i < 4; ++i) {
+        float both[8];
+        store8(both, r[i]);
+        memcpy(x + 4 * int64_t(index[i]), both, 16);
+        memcpy(x + 4 * int64_t(index[i + 4]), both + 4, 16);
+    }
+#else
+    for (int l = 0; l < 8; ++l)
+        for (int k = 0; k < 4; ++k) x[4 * int64_t(index[l]) + k] = in[k][l];
+#endif
+}
+
+VT_INLINE f8 dot(const f8 a[3], const f8 b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// Eight triangles: C = (|f_u| - 1, |f_v| - 1, f_u . f_v) with f the columns of the deformation gradient.
+VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float over) {
+    f8 q[3][4], e1[3], e2[3], fu[3], fv[3];
+    for (int k = 0; k < 3; ++k) gather(x, index + 8 * k, q[k]);
+    const f8 a = load8(rest), b = load8(rest + 8), c = load8(rest + 16), d = load8(rest + 24);
+    for (int k = 0; k < 3; ++k) {
+        e1[k] = q[1][k] - q[0][k], e2[k] = q[2][k] - q[0][k];
+        fu[k] = a * e1[k] + c * e2[k], fv[k] = b * e1[k] + d * e2[k];
+    }
+    const f8 uu = dot(fu, fu), vv = dot(fv, fv), uv = dot(fu, fv), one = all(1.0f);
+    const f8 lu = root(uu + kTiny * one), lv = root(vv + kTiny * one), iu = one / lu, iv = one / lv;
+    const f8 gu[3] = {all(0.0f) - a - c, a, c}, gv[3] = {all(0.0f) - b - d, b, d};
+    f8 suu = all(0.0f), svv = suu, suv = suu;
+    for (int k = 0; k < 3; ++k) {
+        const f8 w = q[k][3];
+        suu += w * gu[k] * gu[k], svv += w * gv[k] * gv[k], suv += w * gu[k] * gv[k];
+    }
+    const f8 cosine = uv * iu * iv;  // of the angle between both
+    const f8 a11 = suu + load8(rest + 32) * over, a12 = suv * cosine + load8(rest + 40) * over;
+    const f8 a22 = svv + load8(rest + 48) * over, a13 = suu * uv * iu + suv * lu, a23 = suv * lv + svv * uv * iv;
+    const f8 a33 = suu * vv + 2.0f * suv * uv + svv * uu + load8(rest + 56) * over;
+    const f8 r1 = one - lu, r2 = one - lv, r3 = all(0.0f) - uv;
+    // symmetric, positive definite: by cofactors
+    const f8 m11 = a22 * a33 - a23 * a23, m12 = a13 * a23 - a12 * a33, m13 = a12 * a23 - a13 * a22;
+    const f8 m22 = a11 * a33 - a13 * a13, m23 = a12 * a13 - a11 * a23, m33 = a11 * a22 - a12 * a12;
+    const f8 whole = a11 * m11 + a12 * m12 + a13 * m13;
+    const f8 least = 1e-6f * a11 * a22 * a33 + 1e-30f * one;
+    const f8 inverse = one / larger(whole, least);
+    const f8 l1 = (m11 * r1 + m12 * r2 + m13 * r3) * inverse, l2 = (m12 * r1 + m22 * r2 + m23 * r3) * inverse;
+    const f8 l3 = (m13 * r1 + m23 * r2 + m33 * r3) * inverse;
+    const f8 pu = iu * l1, qv = iv * l2;
+    for (int k = 0; k < 3; ++k) {
+        const f8 w = q[k][3];
+        for (int i = 0; i < 3; ++i)
+            q[k][i] += w * (gu[k] * (pu * fu[i] + l3 * fv[i]) + gv[k] * (qv * fv[i] + l3 * fu[i]));
+        scatter(x, index + 8 * k, q[k]);
+    }
+}
+
+// Eight hinges: the weighted sum of their four vertices, as long as the angle between the triangles is wide.
+VT_INLINE void hinge(float* x, const int32_t* index, const float* rest, float over) {
+    f8 q[4][4], c[3], k[4];
+    for (int i = 0; i < 4; ++i) gather(x, index + 8 * i, q[i]), k[i] = load8(rest + 8 * i);
+    f8 sum = load8(rest + 32) * over;
+    for (int i = 0; i < 4; ++i) sum += q[i][3] * k[i] * k[i];
+    const f8 minus = all(-1.0f) / larger(sum, all(1e-30f));
+    for (int j = 0; j < 3; ++j) c[j] = (k[0] * q[0][j] + k[1] * q[1][j] + k[2] * q[2][j] + k[3] * q[3][j]) * minus;
+    for (int i = 0; i < 4; ++i) {
+        const f8 share = q[i][3] * k[i];
+        for (int j = 0; j < 3; ++j) q[i][j] += share * c[j];
+        scatter(x, index + 8 * i, q[i]);
+    }
+}
+
+// Eight pairs of vertices that may come nearer to each other, not farther apart.
+VT_INLINE void tether(float* x, const int32_t* index, const float* rest) {
+    f8 a[4], b[4], way[3];
+    gather(x, index, a), gather(x, index + 8, b);
+    for (int j = 0; j < 3; ++j) way[j] = b[j] - a[j];
+    const f8 apart = root(dot(way, way) + kTiny * all(1.0f));
+    const f8 over = larger(apart - load8(rest), all(0.0f)), both = larger(a[3] + b[3], all(1e-30f));
+    const f8 share = over / (apart * both);
+    for (int j = 0; j < 3; ++j) a[j] += a[3] * share * way[j], b[j] -= b[3] * share * way[j];
+    scatter(x, index, a), scatter(x, index + 8, b);
+}
+
+void sew(const ClothFrame& f, float share, float over) {
+    for (int64_t k = 0; k < f.pairs; ++k) {
+        float *a = f.x + 4 * int64_t(f.pair[2 * k]), *b = f.x + 4 * int64_t(f.pair[2 * k + 1]);
+        const float* r = f.pair_rest + 3 * k;
+        const float way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        const float apart = sqrtf(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+        const float both = a[3] + b[3] + r[2] * over, far = apart - (r[0] + share * (r[1] - r[0]));
+        if (!(both > 0) || apart < 1e-9f) continue;
+        for (int j = 0; j < 3; ++j) {
+            const float move = far / (apart * both) * way[j];
+            a[j] += a[3] * move, b[j] -= b[3] * move;
+        }
+    }
+}
+
+// The point of a triangle nearest to x: shares of its corners (Ericson, Real-Time Collision Detection, 5.1.5). Returns
+// which edge it lies on (0: from corner 0 to 1, ...), -1 inside.
+int foot(const float* x, const float p[3][3], float share[3]) {
+    float ab[3], ac[3], ap[3], bp[3], cp[3];
+    for (int j = 0; j < 3; ++j) {
+        ab[j] = p[1][j] - p[0][j], ac[j] = p[2][j] - p[0][j];
+        ap[j] = x[j] - p[0][j], bp[j] = x[j] - p[1][j], cp[j] = x[j] - p[2][j];
+    }
+    const auto product = [](const float* u, const float* v) { return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]; };
+    const float d1 = product(ab, ap), d2 = product(ac, ap), d3 = product(ab, bp), d4 = product(ac, bp);
+    const float d5 = product(ab, cp), d6 = product(ac, cp);
+    const float va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
+    share[0] = share[1] = share[2] = 0;
+    if (d1 <= 0 && d2 <= 0) {
+        share[0] = 1;
+        return d1 > d2 ? 0 : 2;
+    }
+    if (d3 >= 0 && d4 <= d3) {
+        share[1] = 1;
+        return d4 > d3 - d4 ? 1 : 0;
+    }
+    if (d6 >= 0 && d5 <= d6) {
+        share[2] = 1;
+        return d5 > d6 - d5 ? 1 : 2;
+    }
+    if (vc <= 0 && d1 >= 0 && d3 <= 0) {
+        share[1] = d1 - d3 > 0 ? d1 / (d1 - d3) : 0, share[0] = 1 - share[1];
+        return 0;
+    }
+    if (vb <= 0 && d2 >= 0 && d6 <= 0) {
+        share[2] = d2 - d6 > 0 ? d2 / (d2 - d6) : 0, share[0] = 1 - share[2];
+        return 2;
+    }
+    if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+        const float w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        share[2] = w, share[1] = 1 - w;
+        return 1;
+    }
+    const float whole = va + vb + vc, one = whole != 0 ? 1 / whole : 0;
+    share[1] = vb * one, share[2] = vc * one, share[0] = 1 - share[1] - share[2];
+    return -1;
+}
+
+struct Foot {
+    int32_t triangle;
+    float share[3], now[3], normal[3], squared;
+};
+
+void corners(const ClothBody& body, int32_t t, float s, float p[3][3]) {
+    for (int k = 0; k < 3; ++k) {
+        const int64_t v = 6 * int64_t(body.triangle[3 * int64_t(t) + k]);
+        for (int j = 0; j < 3; ++j) p[k][j] = body.before[v + j] + s * (body.after[v + j] - body.before[v + j]);
+    }
+}
+
+float measure(const ClothBody& body, const float* x, int32_t t, float s, Foot& out, int& edge) {
+    float p[3][3], share[3];
+    corners(body, t, s, p);
+    edge = foot(x, p, share);
+    float now[3], squared = 0;
+    for (int j = 0; j < 3; ++j) {
+        now[j] = share[0] * p[0][j] + share[1] * p[1][j] + share[2] * p[2][j];
+        squared += (x[j] - now[j]) * (x[j] - now[j]);
+    }
+    out.triangle = t, out.squared = squared;
+    for (int j = 0; j < 3; ++j) out.share[j] = share[j], out.now[j] = now[j];
+    return squared;
+}
+
+// From the triangle that was nearest, over edges, as long as it gets nearer.
+void walk(const ClothBody& body, const float* x, int32_t start, float s, Foot& best) {
+    int edge = -1;
+    measure(body, x, start, s, best, edge);
+    int32_t from = -1;
+    for (int steps = 0; steps < 24 && edge >= 0; ++steps) {
+        bool moved = false;
+        const int32_t here = best.triangle;
+        // the edge that the foot lies on first, then the others that meet in its corner
+        for (int turn = 0; turn < 3; ++turn) {
+            const int k = (edge + turn) % 3, a = k, b = (k + 1) % 3;
+            if (best.share[a] + best.share[b] < 1 - 1e-6f) continue;
+            const int32_t next = body.neighbour[3 * int64_t(here) + k];
+            if (next < 0 || next == from) continue;
+            Foot other;
+            int side = -1;
+            if (measure(body, x, next, s, other, side) < best.squared * (1 - 1e-6f) - 1e-14f) {
+                from = here, best = other, edge = side, moved = true;
+                break;
+            }
+        }
+        if (!moved) return;
+    }
+}
+
+// Vertices out of the body, after everything else: the body wins. Friction as in note cloth.md, 4.5.
+void push(const ClothFrame& f, const ClothBody& body, int64_t n, float s0, float s1, float reach) {
+    for (int64_t i = 0; i < n; ++i) {
+        float *x = f.x + 4 * i, *p = f.p + 4 * i;
+        if (!(x[3] > 0) || body.nearest[i] < 0) continue;
+        const float moved = sqrtf((x[0] - p[0]) * (x[0] - p[0]) + (x[1] - p[1]) * (x[1] - p[1]) + (x[2] - p[2]) * (x[2] - p[2]));
+        f.slack[i] -= moved + reach;
+        if (f.slack[i] > 0) continue;
+        Foot foot;
+        walk(body, x, body.nearest[i], s1, foot);
+        body.nearest[i] = foot.triangle;
+        float normal[3] = {0, 0, 0}, was[3] = {0, 0, 0};
+        for (int k = 0; k < 3; ++k) {
+            const int64_t v = 6 * int64_t(body.triangle[3 * int64_t(foot.triangle) + k]);
+            for (int j = 0; j < 3; ++j) {
+                const float a = body.before[v + 3 + j], b = body.after[v + 3 + j];
+                normal[j] += foot.share[k] * (a + s1 * (b - a));
+                was[j] += foot.share[k] * (body.before[v + j] + s0 * (body.after[v + j] - body.before[v + j]));
+            }
+        }
+        const float size = sqrtf(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+        if (size < 1e-9f) continue;
+        float out = 0;
+        for (int j = 0; j < 3; ++j) normal[j] /= size, out += (x[j] - foot.now[j]) * normal[j];
+        const float apart = sqrtf(foot.squared);
+        const float away = out < 0 ? -apart : apart, c = body.offset - away;
+        f.slack[i] = away - body.offset;
+        if (c <= 0) continue;
+        const float by = c < body.most ? c : body.most;
+        float slip[3], along = 0, length = 0;
+        for (int j = 0; j < 3; ++j) slip[j] = (x[j] - p[j]) - (foot.now[j] - was[j]), along += slip[j] * normal[j];
+        for (int j = 0; j < 3; ++j) slip[j] -= along * normal[j], length += slip[j] * slip[j];
+        length = sqrtf(length);
+        const float grip = body.friction[i] * by, share = length <= grip ? 1 : grip / length;
+        for (int j = 0; j < 3; ++j) x[j] += by * normal[j] - share * slip[j];
+        f.slack[i] = 0;
+    }
+}
+
+// Cloth against cloth: pairs in their order, each moved apart to its gap, and rubbing.
+void part(const ClothFrame& f, const ClothTouch& t) {
+    for (int64_t k = 0; k < t.count; ++k) {
+        const int32_t* index = t.vertex + 4 * k;
+        float *x[4], *p[4], share[4];
+        for (int i = 0; i < 4; ++i) x[i] = f.x + 4 * int64_t(index[i]), p[i] = f.p + 4 * int64_t(index[i]);
+        float n[3];
+        if (k < t.corners) {
+            float c[3][3], s[3];
+            for (int i = 0; i < 3; ++i)
+                for (int j = 0; j < 3; ++j) c[i][j] = x[i + 1][j];
+            foot(x[0], c, s);
+            share[0] = 1, share[1] = -s[0], share[2] = -s[1], share[3] = -s[2];
+            const float u[3] = {c[1][0] - c[0][0], c[1][1] - c[0][1], c[1][2] - c[0][2]};
+            const float w[3] = {c[2][0] - c[0][0], c[2][1] - c[0][1], c[2][2] - c[0][2]};
+            n[0] = u[1] * w[2] - u[2] * w[1], n[1] = u[2] * w[0] - u[0] * w[2], n[2] = u[0] * w[1] - u[1] * w[0];
+        } else {
+            float d1[3], d2[3], r[3], a = 0, e = 0, b = 0, c = 0, g = 0;
+            for (int j = 0; j < 3; ++j) {
+                d1[j] = x[1][j] - x[0][j], d2[j] = x[3][j] - x[2][j], r[j] = x[0][j] - x[2][j];
+                a += d1[j] * d1[j], e += d2[j] * d2[j], b += d1[j] * d2[j], c += d1[j] * r[j], g += d2[j] * r[j];
+            }
+            const float whole = a * e - b * b;
+            if (!(whole > 1e-6f * a * e)) continue;  // parallel: their ends meet triangles
+            float s = (b * g - c * e) / whole, q = (a * g - b * c) / whole;
+            if (s <= 0 || s >= 1 || q <= 0 || q >= 1) continue;
+            share[0] = 1 - s, share[1] = s, share[2] = q - 1, share[3] = -q;
+            n[0] = d1[1] * d2[2] - d1[2] * d2[1], n[1] = d1[2] * d2[0] - d1[0] * d2[2], n[2] = d1[0] * d2[1] - d1[1] * d2[0];
+        }
+        float size = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), apart = 0, both = 0, way[3];
+        if (size < 1e-14f) continue;
+        for (int j = 0; j < 3; ++j) {
+            n[j] *= t.side[k] / size;
+            way[j] = share[0] * x[0][j] + share[1] * x[1][j] + share[2] * x[2][j] + share[3] * x[3][j];
+            apart += way[j] * n[j];
+        }
+        if (k < t.corners) {  // beside the triangle it touches only what is near its rim
+            float beside = 0;
+            for (int j = 0; j < 3; ++j) beside += (way[j] - apart * n[j]) * (way[j] - apart * n[j]);
+            if (beside > t.gap[k] * t.gap[k]) continue;
+        }
+        const float c = t.gap[k] - apart;
+        if (c <= 0) continue;
+        for (int i = 0; i < 4; ++i) both += x[i][3] * share[i] * share[i];
+        if (!(both > 0)) continue;
+        float by = c / both, slip[3], along = 0, length = 0;
+        const float most = 0.5f * t.gap[k] / both;
+        if (by > most) by = most;
+        for (int j = 0; j < 3; ++j) {
+            slip[j] = 0;
+            for (int i = 0; i < 4; ++i) slip[j] += share[i] * (x[i][j] - p[i][j]);
+            along += slip[j] * n[j];
+        }
+        for (int j = 0; j < 3; ++j) slip[j] -= along * n[j], length += slip[j] * slip[j];
+        length = sqrtf(length);
+        const float grip = t.friction[k] * by * both, rub = (length <= grip ? 1 : grip / length) / both;
+        for (int i = 0; i < 4; ++i) {
+            const float w = x[i][3] * share[i];
+            for (int j = 0; j < 3; ++j) x[i][j] += w * (by * n[j] - rub * slip[j]);
+        }
+    }
+}
+
+}  // namespace
+
+void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBody& body, const ClothTouch& near) {
+    const int64_t n = program.vertices;
+    const float h = f.step, over = 1 / (h * h), keep = expf(-f.damping * h);
+    for (int64_t i = 0; i < n; ++i) f.slack[i] = 0;
+    for (int s = 0; s < f.substeps; ++s) {
+        const float s0 = float(s) / float(f.substeps), s1 = float(s + 1) / float(f.substeps);
+        for (int64_t i = 0; i < n; ++i) {
+            float *x = f.x + 4 * i, *v = f.v + 4 * i, *p = f.p + 4 * i;
+            for (int j = 0; j < 4; ++j) p[j] = x[j];
+            if (!(x[3] > 0)) continue;
+            for (int j = 0; j < 3; ++j) v[j] = (v[j] + h * f.gravity[j]) * keep;
+            float by = h;
+            if (f.limit > 0) {
+                const float fast = sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * h;
+                if (fast > f.limit) by = h * f.limit / fast;
+            }
+            for (int j = 0; j < 3; ++j) x[j] += by * v[j];
+        }
+        for (int64_t k = 0; k < f.pins; ++k)
+            for (int j = 0; j < 3; ++j) {
+                const float a = f.pin_path[6 * k + j], b = f.pin_path[6 * k + 3 + j];
+                f.x[4 * int64_t(f.pin[k]) + j] = a + s1 * (b - a);
+            }
+        for (int64_t g = 0; g < program.membranes; ++g)
+            membrane(f.x, program.membrane + 24 * g, program.membrane_rest + 64 * g, over);
+        for (int64_t g = 0; g < program.hinges; ++g)
+            hinge(f.x, program.hinge + 32 * g, program.hinge_rest + 40 * g, over);
+        for (int64_t g = 0; g < program.tethers; ++g)
+            tether(f.x, program.tether + 16 * g, program.tether_rest + 8 * g);
+        if (f.pairs) sew(f, s1, over);
+        if (near.count) part(f, near);
+        if (body.triangles) push(f, body, n, s0, s1, body.reach / float(f.substeps));
+        for (int64_t i = 0; i < n; ++i) {
+            float *x = f.x + 4 * i, *v = f.v + 4 * i, *p = f.p + 4 * i;
+            for (int j = 0; j < 3; ++j) v[j] = (x[j] - p[j]) / h;
+        }
+    }
+}
+
+}  // namespace vt::VT_NS

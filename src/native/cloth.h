@@ -1,0 +1,64 @@
+// The cloth solver's substeps. Positions and velocities are rows of four floats: x, y, z, inverse mass (0: held). One row
+// more than there are vertices: lanes without a constraint take it. See vitruvian.cloth.solver.
+#pragma once
+#include <cstdint>
+
+namespace vt {
+
+// Constraints in groups of eight that share no vertex; fixed order.
+struct ClothProgram {
+    int64_t vertices;
+    int64_t membranes;              // groups
+    const int32_t* membrane;        // (groups, 3, 8) vertices of triangles
+    const float* membrane_rest;     // (groups, 8, 8) inverse rest matrix a b c d, compliance uu uv vv ss over the area
+    int64_t hinges;                 // groups
+    const int32_t* hinge;           // (groups, 4, 8) ends of the edge, then what is opposite on either side
+    const float* hinge_rest;        // (groups, 5, 8) factors of the four, compliance
+    int64_t tethers;                // groups
+    const int32_t* tether;          // (groups, 2, 8)
+    const float* tether_rest;       // (groups, 1, 8) what they may be apart
+};
+
+// The body during one frame.
+struct ClothBody {
+    int64_t triangles;              // 0: none
+    const int32_t* triangle;        // (t, 3)
+    const int32_t* neighbour;       // (t, 3) across the edge from corner k to k + 1, or -1
+    const float* before;            // (V, 6) position and normal at the frame's begin
+    const float* after;             // (V, 6) at its end
+    float offset;                   // metres kept from the skin
+    float most;                     // metres that a vertex is pushed out a substep at most
+    float reach;                    // metres: no vertex of the body moves farther in the frame
+    int32_t* nearest;               // (n,) triangle that each vertex was nearest to
+    const float* friction;          // (n,) of each vertex
+};
+
+// Cloth that is near cloth: vertex and triangle, or edge and edge.
+struct ClothTouch {
+    int64_t count;
+    const int32_t* vertex;          // (count, 4) a vertex and a triangle, or the ends of two edges
+    const float* side;              // (count,) 1 or -1: on which side of the triangle, or how the edges lie
+    const float* gap;               // (count,) metres to keep
+    const float* friction;          // (count,)
+    int64_t corners;                // the first of them are vertices and triangles
+};
+
+struct ClothFrame {
+    float* x;                       // (n + 1, 4)
+    float* v;                       // (n + 1, 4)
+    float* p;                       // (n + 1, 4) scratch
+    float* slack;                   // (n,) scratch
+    float step;                     // seconds of a substep
+    int substeps;
+    float gravity[3];
+    float damping;                  // 1/s
+    int64_t pins;
+    const int32_t* pin;             // (pins,)
+    const float* pin_path;          // (pins, 6) at the frame's begin and end
+    int64_t pairs;
+    const int32_t* pair;            // (pairs, 2)
+    const float* pair_rest;         // (pairs, 3) metres apart at the frame's begin and end, compliance
+    float limit;                    // metres that a vertex moves in a substep at most, 0: any
+};
+
+}  // namespace vt

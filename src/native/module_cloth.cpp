@@ -1,0 +1,98 @@
+// The Python face of the cloth solver.
+#include <algorithm>
+#include <memory>
+
+#include "face.h"
+#include "kernels.h"
+#include "near_cloth.h"
+
+namespace vt::face {
+
+namespace {
+
+template <class T>
+auto lasting(std::vector<T>&& values, std::initializer_list<size_t> shape) {
+    auto out = owned<T>(shape);
+    std::copy(values.begin(), values.end(), out.data());
+    return out;
+}
+
+// Advances x (n+1,4) and v (n+1,4) by one frame, in place.
+void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
+                 Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> tether,
+                 Array<float, 3> tether_rest, double dt, int substeps, Array<float, 1> gravity, float damping,
+                 float limit, Array<int32_t, 1> pin, Array<float, 2> pin_path, Array<int32_t, 2> pair,
+                 Array<float, 2> pair_rest, Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour,
+                 Array<float, 2> before, Array<float, 2> after, float offset, float most, float reach,
+                 Output<int32_t, 1> nearest, Array<float, 1> friction, Array<int32_t, 2> near, Array<float, 1> side,
+                 Array<float, 1> gap, Array<float, 1> rub, int64_t corners) {
+    const int64_t n = int64_t(x.shape(0)) - 1;
+    check(n >= 0 && x.shape(1) == 4 && v.shape(0) == x.shape(0) && v.shape(1) == 4, "positions do not fit");
+    check(int64_t(nearest.shape(0)) == n && int64_t(friction.shape(0)) == n, "vertices do not fit");
+    check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
+    check(side.shape(0) == near.shape(0) && gap.shape(0) == near.shape(0) && rub.shape(0) == near.shape(0),
+          "contacts do not fit");
+    check(substeps > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
+    const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
+                                   int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
+                                   int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
+    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 5]);
+    const float* g = gravity.data();
+    const vt::ClothFrame frame{x.data(), v.data(), scratch.get(), scratch.get() + 4 * (n + 1),
+                               float(dt / substeps), substeps, {g[0], g[1], g[2]}, damping,
+                               int64_t(pin.shape(0)), pin.data(), pin_path.data(),
+                               int64_t(pair.shape(0)), pair.data(), pair_rest.data(), limit};
+    const vt::ClothBody body{int64_t(triangle.shape(0)), triangle.data(), neighbour.data(), before.data(), after.data(),
+                             offset, most, reach, nearest.data(), friction.data()};
+    const vt::ClothTouch touch{int64_t(near.shape(0)), near.data(), side.data(), gap.data(), rub.data(), corners};
+    nb::gil_scoped_release release;
+#if defined(VT_HAVE_V3)
+    if (newer()) {
+        vt::v3::cloth_frame(program, frame, body, touch);
+        return;
+    }
+#endif
+    vt::base::cloth_frame(program, frame, body, touch);
+}
+
+vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle, const Array<int32_t, 2>& edge) {
+    check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
+    return {x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
+            int64_t(edge.shape(0))};
+}
+
+// Pairs (k,4), sides (k,), how many of them are vertices and triangles, and the keys of those (c,2).
+nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge, float reach,
+                     Array<int32_t, 2> before, Array<float, 1> side) {
+    const vt::Surface s = surface(x, triangle, edge);
+    vt::Near out;
+    {
+        nb::gil_scoped_release release;
+        vt::find_near(s, reach, before.data(), side.data(), int64_t(before.shape(0)), out);
+        out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
+    }
+    const size_t all = out.side.size(), corners = out.key.size() / 2;
+    return nb::make_tuple(lasting(std::move(out.corner), {all, 4}), lasting(std::move(out.side), {all}), corners,
+                          lasting(std::move(out.key), {corners, 2}));
+}
+
+nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge) {
+    const vt::Surface s = surface(x, triangle, edge);
+    std::vector<int32_t> out;
+    {
+        nb::gil_scoped_release release;
+        vt::find_cuts(s, out);
+    }
+    const size_t count = out.size() / 2;
+    return lasting(std::move(out), {count, 2});
+}
+
+}  // namespace
+
+void bind_cloth(nb::module_& m) {
+    m.def("cloth_frame", &cloth_frame);
+    m.def("near_cloth", &near_cloth);
+    m.def("cloth_cuts", &cloth_cuts);
+}
+
+}  // namespace vt::face

@@ -1,0 +1,31 @@
+// What of a surface is near to what of it, and what cuts what.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+namespace vt {
+
+struct Surface {
+    const float* x;  // (n, 4)
+    int64_t vertices;
+    const int32_t* triangle;  // (m, 3)
+    int64_t triangles;
+    const int32_t* edge;  // (e, 2)
+    int64_t edges;
+};
+
+struct Near {
+    std::vector<int32_t> corner;  // (c, 4) vertex and triangle's vertices, sorted by vertex, then triangle
+    std::vector<int32_t> key;     // (c, 2) vertex and triangle
+    std::vector<float> side;      // (c,) on which side of the triangle the vertex is, then of edges: how they lie
+    std::vector<int32_t> cross;   // (k, 4) ends of two edges, sorted
+};
+
+// Vertices and triangles without a common vertex that are at most `reach` apart, and such edges. `before` (b, 2) sorted
+// keys with their sides (b,): a pair that is among them keeps its side.
+void find_near(const Surface& surface, float reach, const int32_t* before, const float* side, int64_t known, Near& out);
+
+// (k, 2) edges and triangles without a common vertex that cut each other.
+void find_cuts(const Surface& surface, std::vector<int32_t>& out);
+
+}  // namespace vt

@@ -1,0 +1,113 @@
+"""What holds a sheet together, in groups of eight constraints that share no vertex.
+
+Source: note cloth.md, sections 4.2 to 4.4; bending after Bergou, Wardetzky, Harmon, Zorin and Grinspun (2006, "A quadratic
+bending model for inextensible surfaces"), whose hinge is linear in the vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.cloth.sheet import Sheet
+
+LANES = 8
+Single = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Constraints in the order in which they are worked off: index (g,k,8) of their k vertices, rest (g,c,8) of their
+    coefficients. Places without a constraint name the vertex behind the last."""
+
+    index: Ints
+    rest: Single
+
+
+def colours(constraints: Ints, vertices: int) -> NDArray[np.int64]:
+    """(c,) of each constraint (c,k): those of one colour share no vertex. Greedy, in order."""
+    taken = [0] * vertices
+    out = np.empty(len(constraints), np.int64)
+    for i, row in enumerate(constraints.tolist()):
+        used = 0
+        for v in row:
+            used |= taken[v]
+        bit = ~used & (used + 1)
+        for v in row:
+            taken[v] |= bit
+        out[i] = bit.bit_length() - 1
+    return out
+
+
+def grouped(constraints: Ints, coefficients: Floats, vertices: int) -> Groups:
+    """Constraints (c,k) with coefficients (c,q), by colour."""
+    width, depth = constraints.shape[1], coefficients.shape[1]
+    if not len(constraints):
+        return Groups(np.zeros((0, width, LANES), np.int32), np.zeros((0, depth, LANES), np.float32))
+    colour = colours(constraints, vertices)
+    order = np.argsort(colour, kind="stable")
+    sizes = np.bincount(colour)
+    full = -(-sizes // LANES) * LANES
+    place = np.repeat(np.cumsum(full) - full, sizes) + np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    index = np.full((full.sum(), width), vertices, np.int32)
+    rest = np.ones((full.sum(), depth), np.float32)
+    index[place], rest[place] = constraints[order], coefficients[order]
+    return Groups(
+        np.ascontiguousarray(index.reshape(-1, LANES, width).transpose(0, 2, 1)),
+        np.ascontiguousarray(rest.reshape(-1, LANES, depth).transpose(0, 2, 1)),
+    )
+
+
+def membranes(sheet: Sheet) -> tuple[Ints, Floats]:
+    """Triangles (m,3) and for each the inverse of its rest matrix, a b c d, and its compliance over its area: uu uv vv of
+    the strains along weft and warp, and of the shear."""
+    e = sheet.material[:, 1:] - sheet.material[:, :1]
+    d = np.swapaxes(e, 1, 2)  # columns X1 - X0, X2 - X0
+    inverse = np.linalg.inv(d).reshape(-1, 4)
+    table = np.array(
+        [[1 / f.stretch_u, -f.poisson / f.stretch_u, 1 / f.stretch_v, 1 / f.shear] for f in sheet.fabrics]
+    )[sheet.fabric]
+    return sheet.triangles, np.concatenate([inverse, table / sheet.areas[:, None]], axis=1)
+
+
+def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
+    """Edges between two triangles: (h,4) its ends and what is opposite, and the factors of the four vertices, whose sum is
+    as long as the angle of the bend, and the compliance. Edges of three or more triangles bend freely."""
+    t, m = sheet.triangles, sheet.material
+    corner = np.concatenate([[(k, (k + 1) % 3, (k + 2) % 3)] for k in range(3)])
+    ends = np.concatenate([t[:, [a, b]] for a, b, _ in corner])
+    face = np.tile(np.arange(len(t)), 3)
+    which = np.repeat(np.arange(3), len(t))
+    low, high = ends.min(axis=1).astype(np.int64), ends.max(axis=1)
+    key = low * (sheet.count + 1) + high
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    two = first[count == 2]
+    one, other = order[two], order[two + 1]
+    good = (sheet.areas[face[one]] > 0) & (sheet.areas[face[other]] > 0)
+    one, other = one[good], other[good]
+    factor, total, stiff, size = np.zeros((len(one), 4)), 0.0, 0.0, 0.0
+    index = np.stack([low[one], high[one], low[one], high[one]], axis=1)
+    for k, side in enumerate((one, other)):
+        f, a, b, c = face[side], *(corner[which[side], i] for i in range(3))
+        swap = t[f, a] != low[one]  # the edge runs the other way in this triangle
+        a, b = np.where(swap, b, a), np.where(swap, a, b)
+        pa, pb, pc = m[f, a], m[f, b], m[f, c]
+        edge = pb - pa
+        long = np.linalg.norm(edge, axis=1)
+        height = 2 * sheet.areas[f] / long
+        along = np.sum((pc - pa) * edge, axis=1) / long
+        factor[:, 0] += (long - along) / height / long  # cotangents of the angles at the far ends
+        factor[:, 1] += along / height / long
+        factor[:, 2 + k] = -1 / height
+        index[:, 2 + k] = t[f, c]
+        across = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / long[:, None]
+        bend = np.array([[g.bend_u, g.bend_v] for g in sheet.fabrics])[sheet.fabric[f]]
+        stiff = stiff + 0.5 * np.sum(bend * across**2, axis=1)
+        total, size = total + sheet.areas[f], size + 0.5 * long
+    some = stiff > 0
+    compliance = total / np.where(some, stiff * size * size, 1)
+    return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]

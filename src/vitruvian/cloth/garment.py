@@ -1,0 +1,56 @@
+"""A sewn garment: what the tailor hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.cloth.fabric import Fabric
+from vitruvian.cloth.pattern import Pattern
+from vitruvian.cloth.sheet import Sheet
+from vitruvian.cloth.tessellate import PanelMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Garment:
+    """A pattern sewn and draped on a body.
+
+    mesh: its flat panels; weld (n,): the garment's vertex of each of theirs; vertices (w,3) metres, humanoid space, where
+    it hangs on the body posed by matrices (J,4,4); fabrics: one for each panel. report: how it was made and fits, see
+    `vitruvian.cloth.tailor.tailor`.
+    """
+
+    pattern: Pattern
+    mesh: PanelMesh
+    weld: Ints
+    vertices: Floats
+    fabrics: tuple[Fabric, ...]
+    matrices: Floats
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        return self.pattern.name
+
+    @cached_property
+    def triangles(self) -> Ints:
+        """(m,3) of the garment's vertices, facing away from the body."""
+        return self.weld[self.mesh.triangles]
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """What the solver knows of it."""
+        return sewn(self.mesh, self.weld, self.fabrics)
+
+
+def sewn(mesh: PanelMesh, weld: Ints | None, fabrics: tuple[Fabric, ...]) -> Sheet:
+    """The sheet of flat panels, welded or (None) each for itself; `fabrics` of the panels."""
+    different = tuple(dict.fromkeys(fabrics))
+    number = np.array([different.index(f) for f in fabrics], np.int32)
+    triangles = mesh.triangles if weld is None else weld[mesh.triangles]
+    return Sheet(triangles, mesh.grain[mesh.triangles], number[mesh.panel[mesh.triangles[:, 0]]], different)

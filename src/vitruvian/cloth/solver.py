@@ -1,0 +1,184 @@
+"""The cloth solver: one frame after the other, each in many small steps.
+
+Source: note cloth.md, section 4; Macklin et al. (2019), "Small steps in physics simulation". Positions are float32; the same
+input gives the same bits, whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vitruvian.body.types import Floats, Ints, floats, indices, require
+from vitruvian.cloth.constraints import Groups, grouped, hinges, membranes
+from vitruvian.cloth.obstacle import Obstacle
+from vitruvian.cloth.sheet import Sheet
+from vitruvian.native import kernels
+
+Single = NDArray[np.float32]
+FRAME, SUBSTEPS = 1 / 60, 20
+GRAVITY = (0.0, -9.81, 0.0)
+SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
+MARGIN = 0.004  # metres beyond the gap in which cloth counts as near to cloth
+NONE: Ints = np.zeros((0, 2), np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A sheet ready to be moved: its constraints in groups, (n,) inverse masses (0: pinned), and what it keeps from itself.
+
+    gap: metres between parts that touch, 0: they pass through each other.
+    """
+
+    sheet: Sheet
+    inverse_mass: Single
+    membranes: Groups
+    hinges: Groups
+    tethers: Groups
+    pinned: Ints
+    gap: float = 0.0
+
+    def state(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> State:
+        """Where it begins: (n,3) metres, and m/s."""
+        x = floats(positions, "positions", len(self.inverse_mass), 3)
+        v = np.zeros_like(x) if velocities is None else floats(velocities, "velocities", len(x), 3)
+        return State(x.astype(np.float32), v.astype(np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """x (n,3) metres and v (n,3) m/s after `frame` frames. nearest (n,): the body's triangle that each vertex was nearest
+    to, or none yet; near (c,2) and side (c,): vertices and triangles that were near, and on which side."""
+
+    x: Single
+    v: Single
+    frame: int = 0
+    nearest: Ints | None = None
+    near: Ints = field(default_factory=lambda: NONE)
+    side: Single = field(default_factory=lambda: np.zeros(0, np.float32))
+
+    @property
+    def speed(self) -> float:
+        """Root mean square, m/s."""
+        return float(np.sqrt(np.mean(np.sum(self.v.astype(np.float64) ** 2, axis=1)))) if len(self.v) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Vertices (p,2) drawn together: metres apart at a frame's begin and end, (p,) each; compliance m/N."""
+
+    vertices: Ints
+    start: Floats
+    end: Floats
+    compliance: float = 0.0
+
+
+def assemble(sheet: Sheet, *, pinned: ArrayLike | None = None, gap: float = 0.0) -> Cloth:
+    """Constraints of a sheet; `pinned` (k,) vertices are held, or moved by `targets` of `step`."""
+    held = np.zeros(0, np.int32) if pinned is None else indices(pinned, "pinned", sheet.count, None)
+    with np.errstate(divide="ignore"):
+        inverse = np.where(sheet.masses > 0, 1 / sheet.masses, 0.0)
+    inverse[held] = 0.0
+    n = sheet.count
+    nothing = Groups(np.zeros((0, 2, 8), np.int32), np.zeros((0, 1, 8), np.float32))
+    return Cloth(
+        sheet,
+        inverse.astype(np.float32),
+        grouped(*membranes(sheet), n),
+        grouped(*hinges(sheet), n),
+        nothing,
+        held,
+        gap,
+    )
+
+
+def step(
+    cloth: Cloth,
+    state: State,
+    *,
+    dt: float = FRAME,
+    substeps: int = SUBSTEPS,
+    gravity: tuple[float, float, float] = GRAVITY,
+    damping: float | None = None,
+    targets: ArrayLike | None = None,
+    pairs: Pairs | None = None,
+    obstacle: Obstacle | None = None,
+) -> State:
+    """The state after `dt` seconds.
+
+    damping 1/s (None: the fabrics' mean); targets (k,3): where pinned vertices are at the end; pairs: what is sewn
+    meanwhile; obstacle: the body in this frame. Where the cloth has a gap its parts do not pass through each other.
+    """
+    require(0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}")
+    n, sheet = len(cloth.inverse_mass), cloth.sheet
+    x, v = np.zeros((n + 1, 4), np.float32), np.zeros((n + 1, 4), np.float32)
+    x[:n, :3], x[:n, 3], v[:n, :3] = state.x, cloth.inverse_mass, state.v
+    if damping is None:
+        damping = float(np.mean([f.damping for f in sheet.fabrics]))
+    path = np.zeros((len(cloth.pinned), 6), np.float32)
+    path[:, :3] = path[:, 3:] = state.x[cloth.pinned]
+    if targets is not None:
+        path[:, 3:] = floats(targets, "targets", len(cloth.pinned), 3)
+    sewn = np.zeros((0, 3), np.float32) if pairs is None else _rests(pairs)
+    nearest = np.full(n, -1, np.int32)
+    if obstacle is not None:
+        fresh = state.nearest is None or state.frame % SEEK == 0
+        nearest = obstacle.nearest(state.x)[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
+    touch, known = _touching(cloth, state, x, dt)
+    native = kernels()
+    if native is None:
+        from vitruvian.cloth.solver_numpy import cloth_frame
+    else:
+        cloth_frame = native.cloth_frame
+    empty = np.zeros((0, 3), np.int32), np.zeros((0, 3), np.int32), np.zeros((0, 6), np.float32), np.zeros((0, 6), np.float32)
+    body = empty if obstacle is None else (obstacle.triangles, obstacle.neighbours, obstacle.start, obstacle.end)
+    limits = (0.0, 0.0, 0.0) if obstacle is None else (obstacle.offset, obstacle.most, obstacle.reach)
+    cloth_frame(
+        x, v,
+        cloth.membranes.index, cloth.membranes.rest, cloth.hinges.index, cloth.hinges.rest,
+        cloth.tethers.index, cloth.tethers.rest,
+        dt, substeps, np.asarray(gravity, np.float32), damping, 0.5 * cloth.gap,
+        cloth.pinned, path,
+        np.zeros((0, 2), np.int32) if pairs is None else np.ascontiguousarray(pairs.vertices, np.int32), sewn,
+        *body, *limits, nearest, _friction(cloth, "friction_body"),
+        *touch,
+    )  # fmt: skip
+    near, side = known
+    seen = nearest if obstacle is not None else state.nearest
+    return State(x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side)
+
+
+def _rests(pairs: Pairs) -> Single:
+    out = np.full((len(pairs.vertices), 3), pairs.compliance, np.float32)
+    out[:, 0], out[:, 1] = pairs.start, pairs.end
+    return out
+
+
+def _friction(cloth: Cloth, name: str) -> Single:
+    return cloth.sheet.of_vertices(name).astype(np.float32)
+
+
+def _touching(cloth: Cloth, state: State, x: Single, dt: float) -> tuple[tuple, tuple[Ints, Single]]:
+    """What of the cloth is near to itself at the frame's begin, as the kernel takes it, and what to remember."""
+    nothing = np.zeros(0, np.float32)
+    if not cloth.gap:
+        return (np.zeros((0, 4), np.int32), nothing, nothing, nothing, 0), (NONE, nothing)
+    native = kernels()
+    fastest = float(np.sqrt((state.v.astype(np.float64) ** 2).sum(axis=1).max(initial=0)))
+    reach = cloth.gap + min(2 * fastest * dt, MARGIN)
+    if native is None:
+        from vitruvian.cloth.touch_numpy import near_cloth
+    else:
+        near_cloth = native.near_cloth
+    n = len(state.x)
+    index, side, corners, key = near_cloth(x[:n], cloth.sheet.triangles, cloth.sheet.edges, reach, state.near, state.side)
+    gap = np.full(len(index), cloth.gap, np.float32)
+    friction = _friction(cloth, "friction_self")[index[:, 0]]
+    return (index, side, gap, friction, int(corners)), (key, side[:corners])
+
+
+def without_touching(cloth: Cloth) -> Cloth:
+    """The same cloth, whose parts pass through each other."""
+    return replace(cloth, gap=0.0)
