@@ -11,7 +11,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.fabric import Fabric
-from vitruvian.cloth.pattern import Pattern
+from vitruvian.cloth.pattern import Pattern, area
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.cloth.tessellate import PanelMesh
 
@@ -54,3 +54,24 @@ def sewn(mesh: PanelMesh, weld: Ints | None, fabrics: tuple[Fabric, ...]) -> She
     number = np.array([different.index(f) for f in fabrics], np.int32)
     triangles = mesh.triangles if weld is None else weld[mesh.triangles]
     return Sheet(triangles, mesh.grain[mesh.triangles], number[mesh.panel[mesh.triangles[:, 0]]], different)
+
+
+GAP = 0.02  # metres between panels in the picture that texture coordinates speak of
+
+
+def charted(garment: Garment) -> tuple[Floats, Ints]:
+    """Texture coordinates (n,2) of the panels' vertices, laid out beside each other at one scale, and (m,3) which of them
+    each corner has. Panels that wind clockwise are mirrored, so that print reads right from outside."""
+    mesh = garment.mesh
+    x = y = row = 0.0
+    sizes = [mesh.material[mesh.panel == k] for k in range(len(garment.pattern.panels))]
+    wide = max(1e-6, sum(float(np.prod(np.ptp(s, axis=0) + GAP)) for s in sizes)) ** 0.5 * 1.2
+    out = np.empty_like(mesh.material)
+    for k, own in enumerate(sizes):
+        flat = own * [np.sign(area(garment.pattern.panels[k])) or 1.0, 1.0]
+        low, (width, height) = flat.min(axis=0), np.ptp(flat, axis=0)
+        if x and x + width > wide:
+            x, y, row = 0.0, y + row + GAP, 0.0
+        out[mesh.panel == k] = flat - low + [x, y]
+        x, row = x + float(width) + GAP, max(row, float(height))
+    return out / max(float(out.max()), 1e-6), mesh.triangles

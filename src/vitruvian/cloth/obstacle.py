@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 
 OFFSET = 0.002  # metres between the skin and what lies on it
-MOST = 0.0005  # metres that a substep pushes a vertex out at most
+MOST = 0.01  # metres that a substep pushes a vertex out at most
 
 
 @dataclass(frozen=True, eq=False)

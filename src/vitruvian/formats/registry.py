@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vitruvian.hanim.graph import Scene
     from vitruvian.hanim.humanoid import Humanoid
 
+GARMENTCODE = ".garmentcode.json"  # not an extension that files have: what .json files are read as
 # extension -> module and function; scenes hold humanoids, the others answer their noun at once
 SCENES = {
     ".x3d": ("x3d", "read_x3d"),
@@ -24,7 +25,7 @@ SCENES = {
     ".x3dj": ("x3d_json", "read_json"),
 }
 # A .json file is what its key on top says: key -> extension of the same kind
-JSON_KINDS = {"X3D": ".x3dj"}
+JSON_KINDS = {"X3D": ".x3dj", "pattern": GARMENTCODE}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".amc": ("asf", "read_amc"),
@@ -36,6 +37,7 @@ READERS = {
     ".mot": ("storage", "read_storage"),
     ".sto": ("storage", "read_storage"),
     ".osim": ("osim", "read_osim"),
+    GARMENTCODE: ("garmentcode", "read_garmentcode"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
@@ -151,7 +153,7 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh .amc .npz),
     `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
     glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
-    {"X3D": ...} is a scene.
+    {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,

@@ -180,7 +180,7 @@ def _on_skin(humanoid: Humanoid, body: Body, mesh: Sheet, wear: bool, name: str 
     first = len(humanoid.skin_coord) if wear else 0
     out = _bones_of(humanoid, wear, name or (humanoid.name if wear else mesh.name))
     joints = each_joint(out)
-    _put_weights(joints, made.skin.weights, first, None)
+    put_weights(joints, made.skin.weights, first, None)
     shape, textured = _shape(body, made, mesh, None, plain=True)
     out.skin = [*out.skin, replace(shape, triangles=(shape.triangles + first).astype(np.int32))]
     rest = made.skin.rest
@@ -227,7 +227,7 @@ def _on_body(humanoid: Humanoid, body: Body, target: Humanoid) -> Reused:
     onto = _taken_by(body.skeleton, theirs)
     for joint in joints:
         joint.skin_coord_index, joint.skin_coord_weight = np.zeros(0, np.int32), np.zeros(0)
-    _put_weights(joints, made.skin.weights, 0, onto)
+    put_weights(joints, made.skin.weights, 0, onto)
     textured, start, fresh = False, 0, []
     main = is_main(mesh.vertices, triangles)
     for s in out.skin:
@@ -295,7 +295,7 @@ def _on_scan(humanoid: Humanoid, mesh: Sheet, landmarks: Any, unit: str | None, 
     out = _bones_of(found.humanoid, False, given["name"])
     joints = each_joint(out)
     sites = sum(len(j.sites) + sum(len(s.sites) for s in j.segments) for j in joints)
-    _put_weights(joints, made.skin.weights, 0, None)
+    put_weights(joints, made.skin.weights, 0, None)
     if metres.colors is None and metres.uv is None and body.skin.colors is not None:  # brows, lips, a painted suit
         metres = replace(metres, colors=np.clip(made.foot @ body.skin.colors, 0, 1))
     shape, textured = _shape(body, made, metres, None)
@@ -324,7 +324,7 @@ def _bones_of(humanoid: Humanoid, whole: bool, name: str) -> Humanoid:
                    skin_binding_normals=None)  # fmt: skip
 
 
-def _put_weights(joints: list[Joint], weights: Weights, first: int, onto: Ints | None) -> None:
+def put_weights(joints: list[Joint], weights: Weights, first: int, onto: Ints | None) -> None:
     """Weights added to joints, for points that begin at `first`; `onto` (J,) renumbers the joints."""
     owner = weights.joint if onto is None else onto[weights.joint]
     pairs = Weights.from_pairs(len(weights), weights.vertex, owner, weights.weight)

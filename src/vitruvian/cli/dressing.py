@@ -1,0 +1,104 @@
+"""Commands about clothes: dress, and what is said of patterns."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vitruvian.cli import app
+from vitruvian.cli.output import Json, Out, Repair, count, emit, progress
+from vitruvian.errors import VitruvianError
+
+if TYPE_CHECKING:
+    from vitruvian.cloth.pattern import Pattern
+
+WORST = 0.05  # strain of the 99th percentile above which a garment is called tight
+
+
+def pattern_of(source: Path) -> Pattern:
+    """The pattern of a file; VitruvianError where it holds something else."""
+    from vitruvian.cloth.pattern import Pattern
+    from vitruvian.formats.registry import load
+
+    found = load(source)
+    if not isinstance(found, Pattern):
+        raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
+    return found
+
+
+@app.command(epilog="Example: vitruvian dress person tshirt.json --fabric jersey -o dressed.glb")
+def dress(
+    source: str = typer.Argument(..., metavar="BODY", help="H-Anim, glTF, VRM or USD body, or the word person."),
+    garment: Path = typer.Argument(..., metavar="PATTERN", help="Sewing pattern: GarmentCode's JSON."),
+    out: Path = Out,
+    fabric: str = typer.Option("cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim or leather."),
+    size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
+    arms: float = typer.Option(45.483, "--arms", min=0.0, max=90.0, help="Degrees that the arms hang below the horizontal."),
+    repair: bool = Repair,
+    as_json: bool = Json,
+) -> None:
+    """Sew a pattern around a body and let it fall into place.
+
+    The result is the body in the pose it was dressed in, with the garment as part of its skin, moved by its joints. Exit
+    status 1: the garment does not fit, and the reason.
+    """
+    from math import radians
+
+    from vitruvian.body.pack import pack
+    from vitruvian.cli.people import subject
+    from vitruvian.cloth.garment import charted
+    from vitruvian.cloth.tailor import tailor
+    from vitruvian.formats.registry import save
+    from vitruvian.modeling.wearing import worn
+
+    pattern = pattern_of(garment)
+    body = _bare(source, repair)
+    start = time.perf_counter()
+    with progress("dressing") as bar:
+        made = tailor(
+            pattern, pack(body), fabric=fabric, size=size / 1000, arms=radians(arms),
+            progress=lambda _, share: bar(round(1000 * share), 1000),
+        )  # fmt: skip
+    uv, uv_triangles = charted(made)
+    whole = worn(body, made.vertices, made.triangles, made.matrices, uv=uv, uv_triangles=uv_triangles)
+    lost = list(save(whole, out)["lost"])
+    document: dict[str, Any] = dict(made.report) | {"seconds": time.perf_counter() - start, "lost": lost}
+    document["layers"] = made.report["layers"]
+    reasons = faults(document)
+    text = (
+        f"wrote {out}: {count(document['faces'], 'face')}, seams {document['seam_gap_max_mm']:.2f} mm, strain "
+        f"{document['strain_p99']:.1%}, {document['self_intersections']} cuts of itself, "
+        f"{count(document['penetrating_vertices'], 'point')} in the body; {document['seconds']:.1f} s"
+    )
+    emit(document | {"reasons": reasons}, "\n".join([text, *reasons, *(f"lost: {line}" for line in lost)]), as_json)
+    if reasons:
+        raise typer.Exit(1)
+
+
+def _bare(source: str, repair: bool) -> Any:
+    """The body to dress; the built-in person without clothes of its own."""
+    from vitruvian.cli.people import subject
+
+    if source == "person" and not Path(source).is_file():
+        from vitruvian.modeling.person import person
+
+        return person(outfit=None)
+    return subject(source, repair=repair)
+
+
+def faults(report: dict[str, Any]) -> list[str]:
+    """Why a garment cannot be worn, in a line each; [] when it can."""
+    out = []
+    if report["open_seams"]:
+        some = ", ".join(map(str, report["open_seams"][:8]))
+        out.append(f"does not close: seams {some} stay up to {report['seam_gap_max_mm']:.0f} mm apart; too small?")
+    if report["strain_p99"] > WORST:
+        out.append(f"tight: the most stretched hundredth of its edges is {report['strain_p99']:.0%} longer or more")
+    if report["penetrating_vertices"]:
+        out.append(f"{count(report['penetrating_vertices'], 'point')} of it are inside the body")
+    if not report["settled"]:
+        out.append(f"still moves by {1000 * report['speed']:.0f} mm/s")
+    return out
