@@ -17,7 +17,7 @@ from vitruvian.cloth.pattern import Panel, Pattern, area, placed
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
 
-ARMS = np.radians(45.483)  # below the horizontal: how GarmentCode's bodies stand (bodies/mean_all.yaml)
+ARMS = np.radians(30.0)  # below the horizontal: higher than the 45 of most patterns, so that armpits do not crease
 LEGS = np.radians(4.0)
 CLEARANCE = 0.01  # metres between a panel and the skin
 FARTHEST = 0.5  # metres that a panel may have to be moved to clear the body

@@ -6,6 +6,7 @@ Source: note cloth.md, section 5; seed 003, sections 5.1 and 6.2.
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -20,7 +21,7 @@ from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
 from vitruvian.cloth.placing import ARMS, dummy, hung
 from vitruvian.cloth.sheet import Sheet, strains
-from vitruvian.cloth.solver import FRAME, Cloth, Pairs, State, assemble, step
+from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assemble, step
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
 from vitruvian.native import kernels
 
@@ -30,7 +31,7 @@ WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # 
 HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
-STILL, CALM = 2e-3, 30  # m/s (root mean square), and for how many frames: at rest
+STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
 Progress = Callable[[str, float], None]
 
 
@@ -157,7 +158,8 @@ def _sewn(
     for k in range(2 * frames):
         low, high = (first * (1 - _smooth(min(1.0, (k + j) / frames))) for j in (0, 1))
         pairs = Pairs(mesh.pairs, low, high)
-        state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle)
+        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS  # what pulls against a seam opens it by a step's square
+        state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle, substeps=substeps)
         state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
@@ -178,13 +180,13 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
 
 def _draped(cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
-    frames, calm = round(LONGEST / FRAME), 0
+    frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
-        calm = calm + 1 if state.speed < STILL else 0
+        speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)
-        if calm >= CALM:
+        if np.mean(speeds) < STILL:
             return state, True
     return state, False
