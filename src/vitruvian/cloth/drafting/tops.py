@@ -285,7 +285,7 @@ def _cuffs(
     made, seams = {}, []
     for (side, name), sleeve in sleeves.items():
         sign, face = (1 if side == "left" else -1), (FRONT if name == "front" else BACK)
-        half = wrist / sleeve.length("cuff") * 0.5 * sleeve.length("cuff")
+        half = 0.5 * wrist
         lines = [Line("over", (0, 0)), Line("end", (height, 0)), Line("under", (height, -half)), Line("top", (0, -half))]
         drawn = lines if sign > 0 else mirrored(lines)
         base = sleeve.panel.translation
@@ -379,7 +379,7 @@ def dress(
     for name, face, block in (("front", FRONT, front), ("back", BACK, back)):
         side = (block.under[0] - shift, -waist)
         height = min(0.7 * (waist - down), 0.16)
-        waists = _raised(darted((0.0, -waist), side, shared(spare - shift, -height)))
+        waists = darted((0.0, -waist), side, shared(spare - shift, -height))
         lines = [*block.lines(), Line("side", block.under), *_inwards(waists, side)]
         whole = piece(f"bodice_{name}", unfolded(lines, (0.0, -waist)), face, (0.0, f.nape, face * 0.16))
         bodies["left", name] = bodies["right", name] = whole
@@ -401,10 +401,6 @@ def dress(
         made += list(sleeves.values())
         seams += _sleeve_seams(sleeves, bodies)
     return Pattern("dress", tuple(p.panel for p in made), tuple(seams), measures=dict(f.measures))
-
-
-def _raised(lines: list[Line]) -> list[Line]:
-    return lines
 
 
 def _inwards(lines: list[Line], side: Point) -> list[Line]:

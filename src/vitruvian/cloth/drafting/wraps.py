@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vitruvian.cloth.drafting.figure import figure, number
-from vitruvian.cloth.drafting.pieces import ARMS, BACK, FRONT, Line, join, piece
+from vitruvian.cloth.drafting.pieces import ARMS, BACK, FRONT, Line, Piece, join, piece
 from vitruvian.cloth.drafting.tops import HEAD
 from vitruvian.cloth.pattern import Pattern, Seam
 from vitruvian.errors import VitruvianError
@@ -97,7 +97,7 @@ def toga(
     return Pattern("toga", tuple(p.panel for p in made), tuple(seams), measures=dict(f.measures))
 
 
-def _part(front, back, name: str, start: str, low: float, high: float) -> Seam:  # noqa: ANN001
+def _part(front: Piece, back: Piece, name: str, start: str, low: float, high: float) -> Seam:
     """Two equal edges sewn from `low` to `high` of their length, counted from the left end or from the bottom."""
     spans = []
     for who in (front, back):
