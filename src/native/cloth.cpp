@@ -337,16 +337,16 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
     for (int s = 0; s < f.substeps; ++s) {
         const float s0 = float(s) / float(f.substeps), s1 = float(s + 1) / float(f.substeps);
         for (int64_t i = 0; i < n; ++i) {
-            float *x = f.x + 4 * i, *v = f.v + 4 * i, *p = f.p + 4 * i;
-            for (int j = 0; j < 4; ++j) p[j] = x[j];
+            float *x = f.x + 4 * i, *v = f.v + 4 * i, *p = f.p + 4 * i, *q = f.q + 4 * i;
+            for (int j = 0; j < 4; ++j) p[j] = q[j] = x[j];
             if (!(x[3] > 0)) continue;
             for (int j = 0; j < 3; ++j) v[j] = (v[j] + h * f.gravity[j]) * keep;
-            float by = h;
             if (f.limit > 0) {
                 const float fast = sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * h;
-                if (fast > f.limit) by = h * f.limit / fast;
+                if (fast > f.limit)
+                    for (int j = 0; j < 3; ++j) v[j] *= f.limit / fast;
             }
-            for (int j = 0; j < 3; ++j) x[j] += by * v[j];
+            for (int j = 0; j < 3; ++j) q[j] = x[j] += h * v[j];
         }
         for (int64_t k = 0; k < f.pins; ++k)
             for (int j = 0; j < 3; ++j) {
@@ -363,8 +363,8 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
         if (near.count) part(f, near);
         if (body.triangles) push(f, body, n, s0, s1, body.reach / float(f.substeps));
         for (int64_t i = 0; i < n; ++i) {
-            float *x = f.x + 4 * i, *v = f.v + 4 * i, *p = f.p + 4 * i;
-            for (int j = 0; j < 3; ++j) v[j] = (x[j] - p[j]) / h;
+            float *x = f.x + 4 * i, *v = f.v + 4 * i, *q = f.q + 4 * i;
+            for (int j = 0; j < 3; ++j) v[j] += (x[j] - q[j]) / h;  // not from p: that would round each time
         }
     }
 }

@@ -46,7 +46,8 @@ struct ClothTouch {
 struct ClothFrame {
     float* x;                       // (n + 1, 4)
     float* v;                       // (n + 1, 4)
-    float* p;                       // (n + 1, 4) scratch
+    float* p;                       // (n + 1, 4) scratch: positions at a substep's begin
+    float* q;                       // (n + 1, 4) scratch: where velocities alone would lead
     float* slack;                   // (n,) scratch
     float step;                     // seconds of a substep
     int substeps;

@@ -36,9 +36,10 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membr
     const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
                                    int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
                                    int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
-    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 5]);
+    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 9]);
     const float* g = gravity.data();
     const vt::ClothFrame frame{x.data(), v.data(), scratch.get(), scratch.get() + 4 * (n + 1),
+                               scratch.get() + 8 * (n + 1),
                                float(dt / substeps), substeps, {g[0], g[1], g[2]}, damping,
                                int64_t(pin.shape(0)), pin.data(), pin_path.data(),
                                int64_t(pair.shape(0)), pair.data(), pair_rest.data(), limit};
@@ -55,16 +56,19 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membr
     vt::base::cloth_frame(program, frame, body, touch);
 }
 
-vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle, const Array<int32_t, 2>& edge) {
+vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle, const Array<int32_t, 2>& edge,
+                    const Array<int32_t, 1>& same) {
     check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
+    check(same.shape(0) == x.shape(0), "surface does not fit");
     return {x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
-            int64_t(edge.shape(0))};
+            int64_t(edge.shape(0)), same.data()};
 }
 
 // Pairs (k,4), sides (k,), how many of them are vertices and triangles, and the keys of those (c,2).
-nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge, float reach,
+nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
+                     Array<int32_t, 1> same, float reach,
                      Array<int32_t, 2> before, Array<float, 1> side) {
-    const vt::Surface s = surface(x, triangle, edge);
+    const vt::Surface s = surface(x, triangle, edge, same);
     vt::Near out;
     {
         nb::gil_scoped_release release;
@@ -76,8 +80,9 @@ nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_
                           lasting(std::move(out.key), {corners, 2}));
 }
 
-nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge) {
-    const vt::Surface s = surface(x, triangle, edge);
+nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
+                                             Array<int32_t, 1> same) {
+    const vt::Surface s = surface(x, triangle, edge, same);
     std::vector<int32_t> out;
     {
         nb::gil_scoped_release release;

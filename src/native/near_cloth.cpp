@@ -101,6 +101,7 @@ V nearest(V p, V a, V b, V c) {  // of a triangle (Ericson 2005, 5.1.5)
 }  // namespace
 
 void find_near(const Surface& s, float reach, const int32_t* before, const float* side, int64_t known, Near& out) {
+    const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
     const float cell = std::max(length_of(s), 2 * reach);
     const double limit = double(reach) * reach;
     std::vector<Box> boxes(static_cast<size_t>(s.triangles));
@@ -120,7 +121,7 @@ void find_near(const Surface& s, float reach, const int32_t* before, const float
             const V p = at(s, v);
             for (int32_t t : found) {
                 const int32_t* c = s.triangle + 3 * int64_t(t);
-                if (c[0] == v || c[1] == v || c[2] == v) continue;
+                if (one(c[0], v) || one(c[1], v) || one(c[2], v)) continue;
                 const V a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
                 if (dot(way, way) > limit) continue;
                 const V n = cross(b - a, d - a);
@@ -154,7 +155,7 @@ void find_near(const Surface& s, float reach, const int32_t* before, const float
         std::sort(found.begin(), found.end());
         for (int32_t f : found) {
             const int32_t* q = s.edge + 2 * int64_t(f);
-            if (p[0] == q[0] || p[0] == q[1] || p[1] == q[0] || p[1] == q[1]) continue;
+            if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) continue;
             const V a = at(s, p[0]), d1 = at(s, p[1]) - a, b = at(s, q[0]), d2 = at(s, q[1]) - b, r = a - b;
             const double aa = dot(d1, d1), ee = dot(d2, d2), ab = dot(d1, d2), c = dot(d1, r), g = dot(d2, r);
             const double whole = aa * ee - ab * ab;
@@ -171,6 +172,7 @@ void find_near(const Surface& s, float reach, const int32_t* before, const float
 }
 
 void find_cuts(const Surface& s, std::vector<int32_t>& out) {
+    const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
     const float cell = length_of(s);
     std::vector<Box> boxes(static_cast<size_t>(s.triangles));
     for (int64_t t = 0; t < s.triangles; ++t) boxes[size_t(t)] = box_of(s.x, s.triangle + 3 * t, 3, 1e-7f, cell);
@@ -188,10 +190,12 @@ void find_cuts(const Surface& s, std::vector<int32_t>& out) {
         const V a = at(s, p[0]), b = at(s, p[1]), way = b - a;
         for (int32_t t : found) {
             const int32_t* c = s.triangle + 3 * int64_t(t);
-            if (c[0] == p[0] || c[1] == p[0] || c[2] == p[0] || c[0] == p[1] || c[1] == p[1] || c[2] == p[1]) continue;
+            bool common = false;
+            for (int k = 0; k < 3; ++k) common |= one(c[k], p[0]) || one(c[k], p[1]);
+            if (common) continue;
             const V u = at(s, c[0]), v = at(s, c[1]), w = at(s, c[2]), n = cross(v - u, w - u);
-            const double one = dot(n, a - u), two = dot(n, b - u);
-            if ((one > 0) == (two > 0) || one == two) continue;
+            const double begin = dot(n, a - u), end = dot(n, b - u);
+            if ((begin > 0) == (end > 0) || begin == end) continue;
             // signed volumes of the edge with each side of the triangle
             const double x = dot(way, cross(u - a, v - a)), y = dot(way, cross(v - a, w - a)), z = dot(way, cross(w - a, u - a));
             if ((x > 0 && y > 0 && z > 0) || (x < 0 && y < 0 && z < 0)) out.insert(out.end(), {e, t});

@@ -12,6 +12,7 @@ struct Surface {
     int64_t triangles;
     const int32_t* edge;  // (e, 2)
     int64_t edges;
+    const int32_t* same;  // (n,) vertices with the same number are sewn to each other, or will be
 };
 
 struct Near {
@@ -21,7 +22,7 @@ struct Near {
     std::vector<int32_t> cross;   // (k, 4) ends of two edges, sorted
 };
 
-// Vertices and triangles without a common vertex that are at most `reach` apart, and such edges. `before` (b, 2) sorted
+// Vertices and triangles without a common vertex, or one that is the `same`, that are at most `reach` apart, and such edges. `before` (b, 2) sorted
 // keys with their sides (b,): a pair that is among them keeps its side.
 void find_near(const Surface& surface, float reach, const int32_t* before, const float* side, int64_t known, Near& out);
 

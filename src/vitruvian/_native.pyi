@@ -131,9 +131,9 @@ def cloth_frame(x: Single, v: Single, *arrays: object) -> None:
     """One frame of cloth, in place; in the order of `vitruvian.cloth.solver.step`."""
 
 def near_cloth(
-    x: Single, triangles: Ints, edges: Ints, reach: float, before: Ints, side: Single
+    x: Single, triangles: Ints, edges: Ints, same: Ints, reach: float, before: Ints, side: Single
 ) -> tuple[Ints, Single, int, Ints]:
     """Pairs (k,4), sides (k,), how many are vertices with triangles, and the keys (c,2) of those."""
 
-def cloth_cuts(x: Single, triangles: Ints, edges: Ints) -> Ints:
+def cloth_cuts(x: Single, triangles: Ints, edges: Ints, same: Ints) -> Ints:
     """(k,2) edges and triangles without a common vertex that cut each other."""

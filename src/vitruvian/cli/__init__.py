@@ -50,6 +50,7 @@ from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
     files,
     fitting,
     measuring,
+    patterns,
     people,
     quality,
     reusing,

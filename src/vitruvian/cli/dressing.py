@@ -34,9 +34,11 @@ def dress(
     source: str = typer.Argument(..., metavar="BODY", help="H-Anim, glTF, VRM or USD body, or the word person."),
     garment: Path = typer.Argument(..., metavar="PATTERN", help="Sewing pattern: GarmentCode's JSON."),
     out: Path = Out,
-    fabric: str = typer.Option("cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim or leather."),
+    fabric: str = typer.Option(
+        "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
+    ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-    arms: float = typer.Option(45.483, "--arms", min=0.0, max=90.0, help="Degrees that the arms hang below the horizontal."),
+    arms: float = typer.Option(45.483, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
@@ -48,7 +50,6 @@ def dress(
     from math import radians
 
     from vitruvian.body.pack import pack
-    from vitruvian.cli.people import subject
     from vitruvian.cloth.garment import charted
     from vitruvian.cloth.tailor import tailor
     from vitruvian.formats.registry import save
@@ -66,7 +67,6 @@ def dress(
     whole = worn(body, made.vertices, made.triangles, made.matrices, uv=uv, uv_triangles=uv_triangles)
     lost = list(save(whole, out)["lost"])
     document: dict[str, Any] = dict(made.report) | {"seconds": time.perf_counter() - start, "lost": lost}
-    document["layers"] = made.report["layers"]
     reasons = faults(document)
     text = (
         f"wrote {out}: {count(document['faces'], 'face')}, seams {document['seam_gap_max_mm']:.2f} mm, strain "

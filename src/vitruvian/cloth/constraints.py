@@ -51,7 +51,9 @@ def grouped(constraints: Ints, coefficients: Floats, vertices: int) -> Groups:
     order = np.argsort(colour, kind="stable")
     sizes = np.bincount(colour)
     full = -(-sizes // LANES) * LANES
-    place = np.repeat(np.cumsum(full) - full, sizes) + np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    place = (
+        np.repeat(np.cumsum(full) - full, sizes) + np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    )
     index = np.full((full.sum(), width), vertices, np.int32)
     rest = np.ones((full.sum(), depth), np.float32)
     index[place], rest[place] = constraints[order], coefficients[order]

@@ -53,7 +53,9 @@ class Fabric:
         require(self.poisson**2 < stiff, f"fabric {self.name}: poisson", limit, f"{self.poisson:g}")
 
 
-def _preset(name: str, density: float, u: float, v: float, shear: float, bu: float, bv: float, mm: float, mu: float) -> Fabric:
+def _preset(
+    name: str, density: float, u: float, v: float, shear: float, bu: float, bv: float, mm: float, mu: float
+) -> Fabric:
     return Fabric(name, density, v, u, shear, bv * 1e-6, bu * 1e-6, mm * 1e-3, mu, mu)
 
 

@@ -80,10 +80,10 @@ class Obstacle:
         return np.where(inside, -far, far)
 
 
-def still(vertices: Floats, triangles: Ints, **options: float) -> Obstacle:
+def still(vertices: Floats, triangles: Ints, *, offset: float = OFFSET) -> Obstacle:
     """A surface that does not move."""
     vertices = np.ascontiguousarray(vertices, np.float64)
-    return Obstacle(triangles, vertices, vertices, **options)
+    return Obstacle(triangles, vertices, vertices, offset)
 
 
 def neighbours(triangles: Ints) -> Ints:

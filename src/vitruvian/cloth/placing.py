@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vitruvian.body.kinematics import pose_matrices
-from vitruvian.body.rotations import between, multiply
+from vitruvian.body.rotations import between, from_vector, multiply
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.cloth.pattern import Panel, Pattern, area, placed
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
 
 ARMS = np.radians(45.483)  # below the horizontal: how GarmentCode's bodies stand (bodies/mean_all.yaml)
+LEGS = np.radians(4.0)
 CLEARANCE = 0.01  # metres between a panel and the skin
 FARTHEST = 0.5  # metres that a panel may have to be moved to clear the body
 Distance = Callable[[Floats], Floats]  # points (n,3) -> (n,) signed metres, negative inside
@@ -37,8 +38,9 @@ class Dummy:
     triangles: Ints
 
 
-def dummy(body: Body, *, arms: float = ARMS) -> Dummy:
-    """A body with its arms `arms` radians below the horizontal, its other joints at rest.
+def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
+    """A body with its arms `arms` radians below the horizontal and its legs `legs` radians apart each, so that there is
+    room for cloth; its other joints at rest.
 
     Raises VitruvianError for a body without shoulders and elbows or without skin.
     """
@@ -54,6 +56,9 @@ def dummy(body: Body, *, arms: float = ARMS) -> Dummy:
         flat = np.hypot(*bone[:2])
         lowered = np.array([sign * np.cos(arms) * flat, -np.sin(arms) * flat, bone[2]])
         rotation[0, shoulder] = multiply(between(bone, lowered), rotation[0, shoulder])
+        hip = skeleton.index.get(f"{side}_hip")
+        if hip is not None:
+            rotation[0, hip] = from_vector(np.array([0.0, 0.0, sign * legs]))
     matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
     return Dummy(body, matrices, vertices, _largest(body.skin.triangles, len(vertices)))

@@ -46,7 +46,9 @@ class Sheet:
     def masses(self) -> Floats:
         """(n,) kilograms: a third of each triangle at each of its corners."""
         density = np.array([f.density for f in self.fabrics])[self.fabric]
-        return np.bincount(self.triangles.ravel(), np.repeat(density * self.areas / 3, 3), self.count)
+        return np.bincount(self.triangles.ravel(), np.repeat(density * self.areas / 3, 3), self.count).astype(
+            np.float64
+        )
 
     def of_vertices(self, name: str) -> Floats:
         """(n,) a property of the fabrics, the largest that meets in each vertex."""

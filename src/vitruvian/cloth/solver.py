@@ -1,7 +1,7 @@
 """The cloth solver: one frame after the other, each in many small steps.
 
-Source: note cloth.md, section 4; Macklin et al. (2019), "Small steps in physics simulation". Positions are float32; the same
-input gives the same bits, whatever the number of threads.
+Source: note cloth.md, section 4; Macklin et al. (2019), "Small steps in physics simulation". Positions are float32;
+the same input gives the same bits, as one thread does the work.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Single = NDArray[np.float32]
 FRAME, SUBSTEPS = 1 / 60, 20
 GRAVITY = (0.0, -9.81, 0.0)
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
-MARGIN = 0.004  # metres beyond the gap in which cloth counts as near to cloth
+MARGIN = 0.003  # metres beyond the gap in which cloth counts as near to cloth
 NONE: Ints = np.zeros((0, 2), np.int32)
 
 
@@ -29,7 +29,8 @@ NONE: Ints = np.zeros((0, 2), np.int32)
 class Cloth:
     """A sheet ready to be moved: its constraints in groups, (n,) inverse masses (0: pinned), and what it keeps from itself.
 
-    gap: metres between parts that touch, 0: they pass through each other.
+    gap: metres between parts that touch, 0: they pass through each other. same (n,): vertices with one number are sewn to
+    each other, or will be, and do not keep that gap.
     """
 
     sheet: Sheet
@@ -38,6 +39,7 @@ class Cloth:
     hinges: Groups
     tethers: Groups
     pinned: Ints
+    same: Ints
     gap: float = 0.0
 
     def state(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> State:
@@ -75,8 +77,10 @@ class Pairs:
     compliance: float = 0.0
 
 
-def assemble(sheet: Sheet, *, pinned: ArrayLike | None = None, gap: float = 0.0) -> Cloth:
-    """Constraints of a sheet; `pinned` (k,) vertices are held, or moved by `targets` of `step`."""
+def assemble(
+    sheet: Sheet, *, pinned: ArrayLike | None = None, gap: float = 0.0, same: ArrayLike | None = None
+) -> Cloth:
+    """Constraints of a sheet; `pinned` (k,) vertices are held, or moved by `targets` of `step`. See `Cloth`."""
     held = np.zeros(0, np.int32) if pinned is None else indices(pinned, "pinned", sheet.count, None)
     with np.errstate(divide="ignore"):
         inverse = np.where(sheet.masses > 0, 1 / sheet.masses, 0.0)
@@ -90,6 +94,7 @@ def assemble(sheet: Sheet, *, pinned: ArrayLike | None = None, gap: float = 0.0)
         grouped(*hinges(sheet), n),
         nothing,
         held,
+        np.arange(n, dtype=np.int32) if same is None else indices(same, "same", n, n),
         gap,
     )
 
@@ -111,7 +116,9 @@ def step(
     damping 1/s (None: the fabrics' mean); targets (k,3): where pinned vertices are at the end; pairs: what is sewn
     meanwhile; obstacle: the body in this frame. Where the cloth has a gap its parts do not pass through each other.
     """
-    require(0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}")
+    require(
+        0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}"
+    )
     n, sheet = len(cloth.inverse_mass), cloth.sheet
     x, v = np.zeros((n + 1, 4), np.float32), np.zeros((n + 1, 4), np.float32)
     x[:n, :3], x[:n, 3], v[:n, :3] = state.x, cloth.inverse_mass, state.v
@@ -125,14 +132,19 @@ def step(
     nearest = np.full(n, -1, np.int32)
     if obstacle is not None:
         fresh = state.nearest is None or state.frame % SEEK == 0
-        nearest = obstacle.nearest(state.x)[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
+        nearest = obstacle.nearest(state.x.astype(np.float64))[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
     touch, known = _touching(cloth, state, x, dt)
     native = kernels()
     if native is None:
         from vitruvian.cloth.solver_numpy import cloth_frame
     else:
         cloth_frame = native.cloth_frame
-    empty = np.zeros((0, 3), np.int32), np.zeros((0, 3), np.int32), np.zeros((0, 6), np.float32), np.zeros((0, 6), np.float32)
+    empty = (
+        np.zeros((0, 3), np.int32),
+        np.zeros((0, 3), np.int32),
+        np.zeros((0, 6), np.float32),
+        np.zeros((0, 6), np.float32),
+    )
     body = empty if obstacle is None else (obstacle.triangles, obstacle.neighbours, obstacle.start, obstacle.end)
     limits = (0.0, 0.0, 0.0) if obstacle is None else (obstacle.offset, obstacle.most, obstacle.reach)
     cloth_frame(
@@ -173,7 +185,10 @@ def _touching(cloth: Cloth, state: State, x: Single, dt: float) -> tuple[tuple, 
     else:
         near_cloth = native.near_cloth
     n = len(state.x)
-    index, side, corners, key = near_cloth(x[:n], cloth.sheet.triangles, cloth.sheet.edges, reach, state.near, state.side)
+    sheet = cloth.sheet
+    index, side, corners, key = near_cloth(
+        x[:n], sheet.triangles, sheet.edges, cloth.same, reach, state.near, state.side
+    )
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = _friction(cloth, "friction_self")[index[:, 0]]
     return (index, side, gap, friction, int(corners)), (key, side[:corners])

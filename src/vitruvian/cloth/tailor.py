@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from vitruvian.native import kernels
 SEWING = 1.0  # seconds in which seams close
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
 WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
-HELD = 0.2  # of what a waist has slipped is put right each frame
+HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square), and for how many frames: at rest
@@ -42,14 +42,13 @@ def tailor(
     size: float = 0.010,
     arms: float = ARMS,
     gap: float | None = None,
-    hold: bool = True,
     progress: Progress | None = None,
 ) -> Garment:
     """A pattern sewn and draped on a body.
 
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
-    fabric's thickness, 1 mm at least); hold: what hangs by its waist is kept as high as the pattern puts it, as by a belt.
+    fabric's thickness, 1 mm at least);
     progress(what, share) is called now and then.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
@@ -68,15 +67,13 @@ def tailor(
     clock("place")
     thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
-    sewing = assemble(sewn(mesh, None, smooth))
-    waist = _waist(pattern, mesh)
-    state, apart = _sewn(sewing, mesh, flat, obstacle, waist, progress)
-    clock("sew")
     weld = welded(mesh)
+    sewing = assemble(sewn(mesh, None, smooth), gap=thick, same=weld)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress)
+    clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
-    belt = _Belt(weld[waist], flat[waist, 1]) if hold else _Belt(waist[:0], flat[:0, 1])
-    rest, settled = _draped(cloth, cloth.state(positions), obstacle, belt, progress)
+    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress)
     clock("drape")
     vertices = rest.x.astype(np.float64)
     triangles = weld[mesh.triangles]
@@ -114,12 +111,12 @@ def cuts(vertices: Floats, triangles: Ints, edges: Ints) -> Ints:
     """(k,2) edges and triangles of a surface that cut each other."""
     native = kernels()
     x = np.zeros((len(vertices), 4), np.float32)
-    x[:, :3] = vertices
+    x[:, :3], own = vertices, np.arange(len(vertices), dtype=np.int32)
     if native is None:
         from vitruvian.cloth.touch_numpy import cloth_cuts
 
-        return cloth_cuts(x, triangles, edges)
-    return native.cloth_cuts(x, triangles, edges)
+        return cloth_cuts(x, triangles, edges, own)
+    return native.cloth_cuts(x, triangles, edges, own)
 
 
 class _Clock:
@@ -149,18 +146,6 @@ def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
     return np.unique(np.concatenate([np.zeros(0, np.int32), *(mesh.edges[key] for key in named)]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Belt:
-    """Vertices kept as high as they are put."""
-
-    vertices: Ints
-    height: Floats
-
-    def pull(self, state: State) -> None:
-        low = self.height - state.x[self.vertices, 1]
-        state.x[self.vertices, 1] += (HELD * low).astype(np.float32)
-
-
 def _sewn(
     cloth: Cloth, mesh: PanelMesh, flat: Floats, obstacle: Obstacle, waist: Ints, progress: Progress | None
 ) -> tuple[State, Floats]:
@@ -173,7 +158,7 @@ def _sewn(
         low, high = (first * (1 - _smooth(min(1.0, (k + j) / frames))) for j in (0, 1))
         pairs = Pairs(mesh.pairs, low, high)
         state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle)
-        _Belt(waist, flat[waist, 1]).pull(state)
+        state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
@@ -191,15 +176,12 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
-def _draped(
-    cloth: Cloth, state: State, obstacle: Obstacle, belt: _Belt, progress: Progress | None
-) -> tuple[State, bool]:
+def _draped(cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, calm = round(LONGEST / FRAME), 0
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
-        belt.pull(state)
         calm = calm + 1 if state.speed < STILL else 0
         if progress:
             progress("draping", (k + 1) / frames)

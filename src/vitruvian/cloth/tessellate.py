@@ -58,7 +58,8 @@ def tessellate(pattern: Pattern, size: float = 0.010) -> PanelMesh:
         raise VitruvianError(f"pattern {pattern.name}: it would have {total:.2g} vertices; is its unit right?")
     seams = [_Sides(s, number, lengths) for s in pattern.seams if not s.open]
     cuts = _cuts(seams, lengths, size)
-    parts, edges, first = [], {}, 0
+    parts, first = [], 0
+    edges: dict[Key, Ints] = {}
     for k, panel in enumerate(pattern.panels):
         points, triangles, own = _panel(panel, [cuts[k, e] for e in range(len(panel.edges))], size)
         parts.append((points, triangles + first))
@@ -81,7 +82,9 @@ def tessellate(pattern: Pattern, size: float = 0.010) -> PanelMesh:
 
 def _with_the_grain(pattern: Pattern, material: Floats, panel: Ints) -> Floats:
     grain = np.array([p.grain / np.hypot(*p.grain) for p in pattern.panels])[panel]
-    return np.stack([grain[:, 1] * material[:, 0] - grain[:, 0] * material[:, 1], np.sum(grain * material, axis=1)], axis=1)
+    return np.stack(
+        [grain[:, 1] * material[:, 0] - grain[:, 0] * material[:, 1], np.sum(grain * material, axis=1)], axis=1
+    )
 
 
 class _Sides:
@@ -119,7 +122,9 @@ class _Sides:
         if self.seam.reversed:
             b = b[::-1]
         if len(a) != len(b):  # sides that share part of themselves
-            raise VitruvianError(f"seam of {self.seam.a[0].panel} edge {self.seam.a[0].edge}: its sides cannot be matched")
+            raise VitruvianError(
+                f"seam of {self.seam.a[0].panel} edge {self.seam.a[0].edge}: its sides cannot be matched"
+            )
         return np.stack([a, b], axis=1).astype(np.int32)
 
 
@@ -164,7 +169,9 @@ def _cuts(seams: Sequence[_Sides], lengths: Mapping[Key, float], size: float) ->
         if sum(map(len, ends.values())) > MOST:
             raise VitruvianError("seams: they cut each other's edges into ever smaller pieces")
     sorted_ends = {key: np.sort(np.array(values)) for key, values in ends.items()}
-    index = {(key, i): n for n, (key, i) in enumerate((k, i) for k, v in sorted_ends.items() for i in range(len(v) - 1))}
+    index = {
+        (key, i): n for n, (key, i) in enumerate((k, i) for k, v in sorted_ends.items() for i in range(len(v) - 1))
+    }
     parent = list(range(len(index)))
 
     def root(i: int) -> int:
@@ -189,7 +196,8 @@ def _cuts(seams: Sequence[_Sides], lengths: Mapping[Key, float], size: float) ->
     out = {}
     for key, knots in sorted_ends.items():
         pieces = [
-            np.linspace(knots[i], knots[i + 1], need[root(index[key, i])], endpoint=False) for i in range(len(knots) - 1)
+            np.linspace(knots[i], knots[i + 1], need[root(index[key, i])], endpoint=False)
+            for i in range(len(knots) - 1)
         ]
         out[key] = np.concatenate([*pieces, [1.0]])
     return out
@@ -228,7 +236,7 @@ def _panel(panel: Panel, cuts: Sequence[Floats], size: float) -> tuple[Floats, I
     if len(outline) < 3:
         raise VitruvianError(f"panel {panel.name}: expected an outline, found {len(outline)} edges")
     inside = _lattice(panel, border, outline, size)
-    triangles = np.zeros((0, 3), np.int64)
+    triangles: Ints = np.zeros((0, 3), np.int32)
     for turn in range(ROUNDS + 1):
         every = np.concatenate([border, inside])
         triangles = _triangulated(panel.name, every, outline, size)
@@ -279,7 +287,7 @@ def _inside(points: Floats, a: Floats, b: Floats) -> NDArray[np.bool_]:
 def _smoothed(points: Floats, triangles: Ints, fixed: int) -> Floats:
     """(k,2) points behind the first `fixed`, each moved to the middle of its neighbours."""
     a, b = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
-    total, count = np.zeros_like(points), np.zeros(len(points))
+    total = np.zeros_like(points)
     for k in range(2):
         total[:, k] = np.bincount(a, points[b, k], len(points)) + np.bincount(b, points[a, k], len(points))
     count = np.bincount(a, minlength=len(points)) + np.bincount(b, minlength=len(points))
@@ -292,7 +300,7 @@ def _triangulated(name: str, points: Floats, outline: Ints, size: float) -> Ints
 
     middle = points.mean(axis=0)
     try:
-        triangles = Delaunay((points - middle) / size).simplices.astype(np.int64)
+        triangles = Delaunay((points - middle) / size).simplices.astype(np.int32)
     except (QhullError, ValueError):
         raise VitruvianError(f"panel {name}: expected an outline with an area, found none") from None
     p = points[triangles]
@@ -364,7 +372,7 @@ def _put_in(points: Floats, triangles: Ints, a: int, b: int) -> Ints:
     fresh: list[tuple[int, int, int]] = []
     for chain in chains:
         _fill(points, chain, fresh)
-    return np.concatenate([triangles[~hit], np.array(fresh, np.int64).reshape(-1, 3)])
+    return np.concatenate([triangles[~hit], np.array(fresh, np.int32).reshape(-1, 3)])
 
 
 def _fill(points: Floats, chain: list[int], out: list[tuple[int, int, int]]) -> None:

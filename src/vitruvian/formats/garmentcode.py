@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def _numbers(value: object, where: str, count: int) -> Floats:
     return np.array(value, np.float64)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -117,7 +117,7 @@ def _edge(value: object, where: str, vertices: Floats, scale: float, relative: b
     edge = _object(value, where)
     ends = edge.get("endpoints")
     good = isinstance(ends, list) and len(ends) == 2 and all(isinstance(e, int) for e in ends)
-    if not good or not all(0 <= e < len(vertices) for e in ends):
+    if not isinstance(ends, list) or not good or not all(0 <= e < len(vertices) for e in ends):
         raise _wrong(f"{where} endpoints", f"two vertices of 0 to {len(vertices) - 1}", ends)
     start, end = ends
     label = edge.get("label", "")
@@ -133,7 +133,7 @@ def _edge(value: object, where: str, vertices: Floats, scale: float, relative: b
         radius, large, right = _numbers(given, f"{where} circle", 3)
         return Edge(start, end, "arc", _half_way(a, b, radius * scale, bool(large), bool(right))[None], label)
     count = {"quadratic": 1, "cubic": 2}.get(kind) if isinstance(kind, str) else None
-    if count is None:
+    if count is None or not isinstance(kind, str):
         raise _wrong(f"{where} curvature", "quadratic, cubic or circle", kind)
     rows = [_numbers(p, f"{where} control", 2) for p in _list(given, f"{where} controls")]
     if len(rows) != count:
@@ -164,7 +164,12 @@ def _seam(value: object, where: str, counts: Mapping[str, int]) -> Seam:
     sides = []
     for side in stitch[:2]:
         panel, edge = (_object(side, where).get(k) for k in ("panel", "edge"))
-        if panel not in counts or not isinstance(edge, int) or not 0 <= edge < counts[panel]:
+        if (
+            not isinstance(panel, str)
+            or panel not in counts
+            or not isinstance(edge, int)
+            or not 0 <= edge < counts[panel]
+        ):
             raise _wrong(where, "a panel and one of its edges", side)
         sides.append((Span(panel, edge),))
     if len(stitch) == 3 and stitch[2] != "right_wrong":

@@ -1,0 +1,174 @@
+"""The cloth kernels in NumPy: what they mean, and what runs where the extension has not been built (slowly)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.cloth.touch_numpy import shares
+
+Single = NDArray[np.float32]
+
+
+def cloth_frame(
+    x: Single, v: Single,
+    membrane: Ints, membrane_rest: Single, hinge: Ints, hinge_rest: Single, tether: Ints, tether_rest: Single,
+    dt: float, substeps: int, gravity: Single, damping: float, limit: float,
+    pin: Ints, pin_path: Single, pair: Ints, pair_rest: Single,
+    triangle: Ints, neighbour: Ints, before: Single, after: Single, offset: float, most: float, reach: float,
+    nearest: Ints, friction: Single,
+    near: Ints, side: Single, gap: Single, rub: Single, corners: int,
+) -> None:  # fmt: skip
+    """One frame of x (n+1,4) and v (n+1,4), in place; see src/native/cloth.cpp and `vitruvian.cloth.solver.step`."""
+    n, h = len(x) - 1, dt / substeps
+    at, speed, w = x[:n, :3].astype(np.float64), v[:n, :3].astype(np.float64), x[:n, 3].astype(np.float64)
+    at, w, speed = (
+        np.append(at, np.zeros((1, 3)), axis=0),
+        np.append(w, 0.0),
+        np.append(speed, np.zeros((1, 3)), axis=0),
+    )
+    free = w > 0
+    for s in range(substeps):
+        low, high = s / substeps, (s + 1) / substeps
+        was = at.copy()
+        speed[free] = (speed[free] + h * np.asarray(gravity, np.float64)) * np.exp(-damping * h)
+        way = h * speed
+        if limit > 0:
+            size = np.linalg.norm(way, axis=1, keepdims=True)
+            way *= np.minimum(1.0, limit / np.maximum(size, 1e-30))
+        at[free] += way[free]
+        if len(pin):
+            at[pin] = pin_path[:, :3] + high * (pin_path[:, 3:] - pin_path[:, :3])
+        for index, rest in zip(membrane, membrane_rest):
+            _membrane(at, w, index, rest.astype(np.float64), h)
+        for index, rest in zip(hinge, hinge_rest):
+            _hinge(at, w, index, rest.astype(np.float64), h)
+        for index, rest in zip(tether, tether_rest):
+            _tether(at, w, index, rest.astype(np.float64))
+        for (a, b), (start, end, compliance) in zip(pair, pair_rest.astype(np.float64)):
+            way_ = at[b] - at[a]
+            apart, both = np.linalg.norm(way_), w[a] + w[b] + compliance / (h * h)
+            if both > 0 and apart >= 1e-9:
+                move = (apart - (start + high * (end - start))) / (apart * both) * way_
+                at[a] += w[a] * move
+                at[b] -= w[b] * move
+        for k in range(len(near)):
+            _part(at, was, w, near[k], float(side[k]), float(gap[k]), float(rub[k]), k < corners)
+        if len(triangle):
+            body = before.astype(np.float64) + high * (after.astype(np.float64) - before)
+            then = before.astype(np.float64) + low * (after.astype(np.float64) - before)
+            _push(at[:n], was[:n], w[:n], triangle, body, then, offset, most, nearest, friction)
+        speed = (at - was) / h
+    x[:n, :3], v[:n, :3] = at[:n], speed[:n]
+
+
+def _membrane(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
+    a, b, c, d = rest[:4]
+    p = at[index]
+    e1, e2 = p[1] - p[0], p[2] - p[0]
+    fu, fv = a[:, None] * e1 + c[:, None] * e2, b[:, None] * e1 + d[:, None] * e2
+    lu, lv = np.sqrt(np.sum(fu * fu, axis=1) + 1e-12), np.sqrt(np.sum(fv * fv, axis=1) + 1e-12)
+    gu, gv = np.stack([-a - c, a, c]), np.stack([-b - d, b, d])
+    nu, nv = fu / lu[:, None], fv / lv[:, None]
+    # gradients of the three strains by the three vertices
+    grad = np.stack(
+        [gu[:, :, None] * nu, gv[:, :, None] * nv, gu[:, :, None] * fv + gv[:, :, None] * fu], axis=1
+    )  # (vertex, strain, lane, axis)
+    matrix = np.einsum("vl,vilx,vjlx->lij", w[index], grad, grad)
+    zero = np.zeros_like(a)
+    matrix += np.array([[rest[4], rest[5], zero], [rest[5], rest[6], zero], [zero, zero, rest[7]]]).transpose(
+        2, 0, 1
+    ) / (h * h)
+    right = -np.stack([lu - 1, lv - 1, np.sum(fu * fv, axis=1)], axis=1)
+    some = np.abs(np.linalg.det(matrix)) > 0
+    share = np.zeros_like(right)
+    share[some] = np.linalg.solve(matrix[some], right[some][..., None])[..., 0]
+    move = w[index][..., None] * np.einsum("vilx,li->vlx", grad, share)
+    _add(at, index, move)
+
+
+def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
+    factor = rest[:4]
+    c = np.einsum("vl,vlx->lx", factor, at[index])
+    both = np.maximum(np.sum(w[index] * factor**2, axis=0) + rest[4] / (h * h), 1e-30)
+    _add(at, index, -(w[index] * factor)[..., None] * (c / both[:, None]))
+
+
+def _tether(at: Floats, w: Floats, index: Ints, rest: Floats) -> None:
+    way = at[index[1]] - at[index[0]]
+    apart = np.sqrt(np.sum(way * way, axis=1) + 1e-12)
+    both = np.maximum(w[index].sum(axis=0), 1e-30)
+    move = (np.maximum(apart - rest[0], 0) / (apart * both))[:, None] * way
+    _add(at, index, np.stack([w[index[0]][:, None] * move, -w[index[1]][:, None] * move]))
+
+
+def _add(at: Floats, index: Ints, move: Floats) -> None:
+    """Lanes share no vertex, but for those without a constraint, which do not move."""
+    inside = index < len(at) - 1
+    at[index[inside]] += move[inside]
+
+
+def _push(
+    at: Floats, was: Floats, w: Floats, triangle: Ints, body: Floats, then: Floats, offset: float, most: float,
+    nearest: Ints, friction: Single,
+) -> None:  # fmt: skip
+    import igl
+
+    _, face = igl.point_mesh_squared_distance(np.ascontiguousarray(at), body[:, :3].copy(), triangle.astype(np.int64))[
+        :2
+    ]
+    face = np.asarray(face, np.int64).reshape(-1)
+    nearest[:] = face
+    corner = triangle[face]
+    share = shares(at, body[corner, :3])
+    now, before = (np.einsum("nk,nkx->nx", share, b[corner, :3]) for b in (body, then))
+    normal = np.einsum("nk,nkx->nx", share, body[corner, 3:])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    out = np.sum((at - now) * normal, axis=1)
+    apart = np.linalg.norm(at - now, axis=1)
+    by = np.minimum(offset - np.where(out < 0, -apart, apart), most)
+    hit = (by > 0) & (w > 0)
+    slip = (at - was) - (now - before)
+    slip -= np.sum(slip * normal, axis=1, keepdims=True) * normal
+    size = np.linalg.norm(slip, axis=1)
+    grip = friction * by
+    share_ = np.where(size <= grip, 1.0, grip / np.maximum(size, 1e-30))
+    move = by[:, None] * normal - share_[:, None] * slip
+    at[hit] += move[hit]
+
+
+def _part(at: Floats, was: Floats, w: Floats, index: Ints, side: float, gap: float, rub: float, corner: bool) -> None:
+    x, p, inverse = at[index], was[index], w[index]
+    if corner:
+        s = shares(x[:1], x[None, 1:])[0]
+        share = np.array([1.0, -s[0], -s[1], -s[2]])
+        n = np.cross(x[2] - x[1], x[3] - x[1])
+    else:
+        d1, d2, r = x[1] - x[0], x[3] - x[2], x[0] - x[2]
+        a, e, b, c, g = d1 @ d1, d2 @ d2, d1 @ d2, d1 @ r, d2 @ r
+        whole = a * e - b * b
+        if not whole > 1e-6 * a * e:
+            return
+        s_, q = (b * g - c * e) / whole, (a * g - b * c) / whole
+        if not (0 < s_ < 1 and 0 < q < 1):
+            return
+        share = np.array([1 - s_, s_, q - 1, -q])
+        n = np.cross(d1, d2)
+    size = np.linalg.norm(n)
+    if size < 1e-14:
+        return
+    n = n * side / size
+    way = share @ x
+    apart = way @ n
+    if corner and np.sum((way - apart * n) ** 2) > gap * gap:
+        return
+    both = float(np.sum(inverse * share**2))
+    if gap - apart <= 0 or not both > 0:
+        return
+    by = min(gap - float(apart), 0.5 * gap) / both
+    slip = share @ (x - p)
+    slip -= (slip @ n) * n
+    length, grip = float(np.linalg.norm(slip)), rub * by * both
+    hold = (1.0 if length <= grip else grip / length) / both
+    at[index] += (inverse * share)[:, None] * (by * n - hold * slip)

@@ -1,0 +1,101 @@
+"""What of a surface is near to what of it, and what cuts what, in NumPy: everything against everything."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+
+Single = NDArray[np.float32]
+
+
+def shares(x: Floats, corner: Floats) -> Floats:
+    """(k,3) shares of the corners (k,3,3) in the points of triangles that are nearest to x (k,3)."""
+    a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
+    dot = lambda u, v: np.sum(u * v, axis=1)  # noqa: E731
+    ab, ac = b - a, c - a
+    d00, d01, d11 = dot(ab, ab), dot(ab, ac), dot(ac, ac)
+    d20, d21 = dot(x - a, ab), dot(x - a, ac)
+    whole = np.where(d00 * d11 - d01 * d01 == 0, 1, d00 * d11 - d01 * d01)
+    v, w = (d11 * d20 - d01 * d21) / whole, (d00 * d21 - d01 * d20) / whole
+    out = np.stack([1 - v - w, v, w], axis=1)
+    outside = (out < 0).any(axis=1) | (d00 * d11 - d01 * d01 <= 0)
+    best = np.full(len(x), np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):  # the nearest point of the rim
+        p, way = corner[:, i], corner[:, j] - corner[:, i]
+        t = np.clip(dot(x - p, way) / np.maximum(dot(way, way), 1e-300), 0, 1)
+        far = np.sum((p + t[:, None] * way - x) ** 2, axis=1)
+        better = outside & (far < best)
+        best = np.where(better, far, best)
+        row = np.zeros_like(out)
+        row[:, i], row[:, j] = 1 - t, t
+        out[better] = row[better]
+    return out
+
+
+def near_cloth(
+    x: Single, triangles: Ints, edges: Ints, same: Ints, reach: float, before: Ints, side: Single
+) -> tuple[Ints, Single, int, Ints]:
+    """As the kernel: vertices and triangles, then edges, that are at most `reach` apart. See src/native/near_cloth.h."""
+    p = x[:, :3].astype(np.float64)
+    known = {(int(v), int(t)): float(s) for (v, t), s in zip(before, side)}
+    index, sides, keys = [], [], []
+    for v in range(len(p)):
+        away = ~(same[triangles] == same[v]).any(axis=1)
+        low, high = p[triangles].min(axis=1), p[triangles].max(axis=1)
+        some = np.flatnonzero(away & ((p[v] >= low - reach) & (p[v] <= high + reach)).all(axis=1))
+        corner = p[triangles[some]]
+        share = shares(np.broadcast_to(p[v], (len(some), 3)), corner)
+        way = p[v] - np.einsum("kc,kcx->kx", share, corner)
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        up = np.sum((p[v] - corner[:, 0]) * normal, axis=1)
+        for k in np.flatnonzero(np.sum(way * way, axis=1) <= reach * reach):
+            t = int(some[k])
+            index.append([v, *triangles[t]])
+            keys.append([v, t])
+            sides.append(known.get((v, t), -1.0 if up[k] < 0 else 1.0))
+    count = len(index)
+    a, b = p[edges[:, 0]], p[edges[:, 1]]
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    for e in range(len(edges)):
+        later = np.arange(e + 1, len(edges))
+        box = ((low[later] - reach <= high[e]) & (high[later] + reach >= low[e])).all(axis=1)
+        for f in later[box]:
+            if np.isin(same[edges[e]], same[edges[f]]).any():
+                continue
+            d1, d2, r = b[e] - a[e], b[f] - a[f], a[e] - a[f]
+            aa, ee, ab, c, g = d1 @ d1, d2 @ d2, d1 @ d2, d1 @ r, d2 @ r
+            whole = aa * ee - ab * ab
+            if not whole > 1e-6 * aa * ee:
+                continue
+            t = np.clip((ab * g - c * ee) / whole, 0, 1)
+            u = np.clip((ab * t + g) / ee, 0, 1)
+            t = np.clip((ab * u - c) / aa, 0, 1)
+            if np.sum((r + t * d1 - u * d2) ** 2) <= reach * reach:
+                index.append([*edges[e], *edges[f]])
+                sides.append(-1.0 if r @ np.cross(d1, d2) < 0 else 1.0)
+    return (
+        np.array(index, np.int32).reshape(-1, 4),
+        np.array(sides, np.float32),
+        count,
+        np.array(keys, np.int32).reshape(-1, 2),
+    )
+
+
+def cloth_cuts(x: Single, triangles: Ints, edges: Ints, same: Ints) -> Ints:
+    """(k,2) edges and triangles without a common vertex that cut each other."""
+    p = x[:, :3].astype(np.float64)
+    u, v, w = (p[triangles[:, k]] for k in range(3))
+    normal = np.cross(v - u, w - u)
+    low, high = np.minimum(np.minimum(u, v), w), np.maximum(np.maximum(u, v), w)
+    out = []
+    for e, (i, j) in enumerate(edges):
+        a, b = p[i], p[j]
+        box = ((np.minimum(a, b) <= high) & (np.maximum(a, b) >= low)).all(axis=1)
+        some = np.flatnonzero(box & ~np.isin(same[triangles], same[[i, j]]).any(axis=1))
+        begin, end = np.sum(normal[some] * (a - u[some]), axis=1), np.sum(normal[some] * (b - u[some]), axis=1)
+        volume = [np.sum((b - a) * np.cross(m[some] - a, k[some] - a), axis=1) for m, k in ((u, v), (v, w), (w, u))]
+        alike = np.all(np.array(volume) > 0, axis=0) | np.all(np.array(volume) < 0, axis=0)
+        out += [[e, int(t)] for t in some[((begin > 0) != (end > 0)) & alike]]
+    return np.array(out, np.int32).reshape(-1, 2)
