@@ -84,7 +84,7 @@ people = st.builds(
 @pytest.mark.parametrize("measures", [WOMAN, STOUT, CHILD], ids=["woman", "stout", "child"])
 def test_drafts_can_be_cut_and_sewn(name, measures):
     pattern = drafted(name, measures)
-    mesh = tessellate(pattern, 0.02)
+    mesh = tessellate(pattern, 0.012)
     assert topology(welded(mesh)[mesh.triangles]) == TOPOLOGY[name]
     assert np.degrees(angles(mesh).min()) > 20
     for panel in pattern.panels:  # away from the body: fronts forwards, backs backwards
@@ -112,7 +112,7 @@ def test_garments_are_wider_than_who_wears_them(measures):
     at = figure(measures)
     shirt = drafted("tshirt", measures)
     low = min(p.translation[1] + p.vertices[:, 1].min() for p in shirt.panels if p.label == "body")
-    for level, name, ease in ((at.nape - 0.3 * at["height"] * 0 - at["chest"] / 8 - 0.12 * at["height"], "chest", 0.09),):
+    for level, name, ease in ((at.nape - at["chest"] / 8 - 0.12 * at["height"], "chest", 0.09),):
         assert girth(shirt, level) >= measures[name] + ease
     for level, name in ((at.waist, "waist"), (at.hips, "hips")):
         if low + 0.005 < level:
@@ -130,7 +130,8 @@ def test_garments_are_wider_than_who_wears_them(measures):
 
 
 def test_options_change_what_they_say():
-    plain, long = drafted("tshirt", WOMAN), drafted("tshirt", WOMAN, length=1.1, ease=0.2, sleeve=0.54)
+    slim = WOMAN | {"hips": 0.85}  # whose hips do not widen the hem
+    plain, long = drafted("tshirt", slim), drafted("tshirt", slim, length=1.1, ease=0.2, sleeve=0.54)
     assert np.ptp(long.panel("front").vertices[:, 1]) - np.ptp(plain.panel("front").vertices[:, 1]) > 0.2
     chest = figure(WOMAN).armpit - 0.08
     assert girth(long, chest) - girth(plain, chest) == pytest.approx(0.1, abs=2e-3)
