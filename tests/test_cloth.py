@@ -38,10 +38,10 @@ def test_the_kernel_is_its_twin(monkeypatch):
     cloth = assemble(sheet, pinned=[1], gap=0.002)
     state = cloth.state(x, np.random.default_rng(0).normal(size=x.shape) * 0.05)
     options = {"substeps": 5, "pairs": pairs, "obstacle": obstacle, "targets": x[[1]] + 0.001}
-    ours = step(cloth, state, **options)
+    ours = step(cloth, step(cloth, state, **options), **options)
     monkeypatch.setattr(solver, "kernels", lambda: None)
-    twin = step(cloth, state, **options)
-    assert np.abs(ours.x - twin.x).max() < 1e-5 and np.abs(ours.x - state.x).max() > 1e-3
+    twin = step(cloth, step(cloth, state, **options), **options)
+    assert np.abs(ours.x - twin.x).max() < 2e-5 and np.abs(ours.x - state.x).max() > 1e-3
 
 
 @kernel
@@ -57,10 +57,10 @@ def test_what_is_near_is_what_the_twin_finds():
     same[5] = 4
     keys, sides = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
     native = kernels()
-    ours, theirs = (f(x, triangles, edges, same, 0.02, keys, sides) for f in (native.near_cloth, near_cloth))
+    ours, theirs = (f(x, triangles, edges, same, 0.02, 0.01, keys, sides) for f in (native.near_cloth, near_cloth))
     assert ours[2] == theirs[2] > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
-    flipped = native.near_cloth(x, triangles, edges, same, 0.02, ours[3], -ours[1][: ours[2]])  # remembered sides stay
-    assert np.array_equal(flipped[1][: ours[2]], -ours[1][: ours[2]])
+    flipped = native.near_cloth(x, triangles, edges, same, 0.02, 0.01, ours[3], -ours[4])  # remembered sides stay
+    assert np.array_equal(flipped[3], ours[3]) and np.array_equal(flipped[4], -ours[4])
     cuts = native.cloth_cuts(x, triangles, edges, same)
     assert len(cuts) > 20 and np.array_equal(cuts, cloth_cuts(x, triangles, edges, same))
 
@@ -87,44 +87,178 @@ def test_momentum_and_angular_momentum_stay():
         state = step(cloth, state, gravity=NONE, damping=0)
     now, fast = state.x.astype(float), state.v.astype(float)
     centre = (masses * now).sum(axis=0) / masses.sum()
-    assert np.abs((masses * fast).sum(axis=0) - linear).max() < 1e-4 * np.linalg.norm(linear)
+    assert np.abs((masses * fast).sum(axis=0) - linear).max() < 1e-3 * np.linalg.norm(linear)
     assert np.abs(np.cross(now - centre, masses * fast).sum(axis=0) - angular).max() < 5e-3 * np.linalg.norm(angular)
 
 
-@pytest.mark.parametrize("size", [0.02, 0.0125])
-def test_a_cloth_hangs_under_its_own_weight(size):
-    """1 m, 0.2 kg/m2, 1000 N/m: longer by w g L^2 / (2 E) = 0.981 mm (note cloth.md, section 11)."""
-    sheet, x = strip(0.1, 1.0, size, stretch_u=1000.0, stretch_v=1000.0, poisson=0.0, density=0.2)
-    top = np.flatnonzero(x[:, 1] > 1 - 1e-9)
-    cloth = assemble(sheet, pinned=top)
-    state = settled(cloth, cloth.state(x), 4, damping=12.0)
-    low = np.flatnonzero(x[:, 1] < 1e-9)
-    assert -state.x[low, 1].mean() == pytest.approx(0.981e-3, rel=0.02)
+def test_a_cloth_hangs_under_its_own_weight():
+    """1 m, 0.2 kg/m2, 1000 N/m: longer by w g L^2 / (2 E) = 0.981 mm (note cloth.md, section 11). One pass a substep leaves
+    cloth softer than it is, by less the smaller the steps; single precision ends that at about 100 of them."""
+    longer = []
+    for substeps in (20, 40, 80):
+        sheet, x = strip(0.1, 1.0, 0.03, stretch_u=1000.0, stretch_v=1000.0, poisson=0.0, density=0.2)
+        cloth = assemble(sheet, pinned=np.flatnonzero(x[:, 1] > 1 - 1e-9))
+        state = settled(cloth, cloth.state(x - [0, 1, 0]), 6, damping=8.0, substeps=substeps)
+        longer.append(-(state.x[x[:, 1] < 1e-9, 1] + 1).mean())
+    assert longer[0] > longer[1] > longer[2] == pytest.approx(0.981e-3, rel=0.15)
+
+
+def pulled(sheet, x, pull):
+    """Strain along y of the middle of a strip whose ends are pulled apart with `pull` N/m."""
+    low, high = np.flatnonzero(x[:, 1] < 1e-9), np.flatnonzero(x[:, 1] > x[:, 1].max() - 1e-9)
+    cloth = assemble(sheet)
+    state = cloth.state(x)
+    way = np.zeros((len(x), 3), np.float32)
+    for some, sign in ((low, -1), (high, 1)):
+        share = np.gradient(np.sort(x[some, 0]))[np.argsort(np.argsort(x[some, 0]))]
+        share[[np.argmin(x[some, 0]), np.argmax(x[some, 0])]] /= 2
+        way[some, 1] = sign * pull * share / sheet.masses[some]
+    dt = 1 / 24_000
+    for _ in range(12_000):
+        state = replace(state, v=state.v + dt * way)
+        state = step(cloth, state, dt=dt, substeps=1, gravity=NONE, damping=100.0)
+    tall = x[:, 1].max()
+    middle = (x[:, 1] > 0.3 * tall) & (x[:, 1] < 0.7 * tall)
+    return np.polyfit(x[middle, 1], state.x[middle, 1], 1)[0] - 1
 
 
 @pytest.mark.parametrize(("grain", "modulus"), [(0.0, 500.0), (np.pi / 2, 1000.0), (np.pi / 4, 317.46)])
 def test_a_strip_pulled_is_as_stiff_as_its_fabric_in_that_direction(grain, modulus):
     """Eu 1000, Ev 500, nu 0.2, G 100 N/m; along the bias 1/E = c^4/Eu + s^4/Ev + (1/G - 2 nu/Eu) s^2 c^2."""
     more = {"stretch_u": 1000.0, "stretch_v": 500.0, "shear": 100.0, "poisson": 0.2}
-    sheet, x = strip(0.1, 0.4, 0.0125, grain=grain, **more)
-    low, high = np.flatnonzero(x[:, 1] < 1e-9), np.flatnonzero(x[:, 1] > 0.4 - 1e-9)
-    pull, width = 2.0, 0.1  # N/m
+    sheet, x = strip(0.06, 0.24, 0.02, grain=grain, **more)
+    assert 1.0 / pulled(sheet, x, 1.0) == pytest.approx(modulus, rel=0.03)
+
+
+def bent(size, angle, **more):
+    """Energy of a strip bent round a cylinder of 0.2 m whose axis lies at `angle` to the weft, over 1/2 B k^2 A."""
+    sheet, x = strip(0.1, 0.1, size, **more)
+    index, rest = hinges(sheet)
+    radius, way = 0.2, np.array([np.cos(angle), np.sin(angle)])
+    along = x[:, :2] @ way
+    across = x[:, :2] @ [-way[1], way[0]]
+    p = np.stack([radius * np.sin(along / radius), across, radius * np.cos(along / radius)], axis=1)
+    c = np.einsum("hk,hkx->hx", rest[:, :4], p[index])
+    b_u, b_v = sheet.fabrics[0].bend_u, sheet.fabrics[0].bend_v
+    energy = np.sum(np.sum(c * c, axis=1) / rest[:, 4]) / 2
+    stiff = b_u * way[0] ** 2 + b_v * way[1] ** 2
+    return energy / (0.5 * stiff / radius**2 * sheet.areas.sum())
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 0.8, 1.2, np.pi / 2])
+def test_the_energy_of_a_bent_cylinder(angle):
+    """The same in every direction; hinges at the rim are missing, which is less in a finer mesh."""
+    coarse, fine = (bent(size, angle, bend_u=1e-5, bend_v=1e-5) for size in (0.01, 0.004))
+    assert fine == pytest.approx(1, abs=0.08) and coarse == pytest.approx(1, abs=0.15)
+
+
+def test_a_cloth_falls_over_a_ball_and_stays_outside():
+    sheet, x = strip(0.6, 0.6, 0.025, density=0.2)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.15)
+    obstacle = still(np.array(ball.vertices), np.array(ball.faces, np.int32))
+    cloth = assemble(sheet, gap=0.002)
+    start = np.stack([x[:, 0] - 0.3, np.full(len(x), 0.16), x[:, 1] - 0.3], axis=1)
+    state = settled(cloth, cloth.state(start), 1.5, obstacle=obstacle)
+    assert (obstacle.distances(state.x) > 0).all() and state.x[:, 1].min() < -0.05
+    assert np.quantile(np.abs(strains(sheet, state.x)), 0.99) < 0.05
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_cloth_slides_on_a_slope_that_is_steeper_than_its_friction(slides):
+    """30 degrees, from rest, 1 s: g (sin a - mu cos a) / 2 = 1.178 m with mu 0.3, nothing with mu 0.7."""
+    mu, angle = (0.3, np.radians(30)) if slides else (0.7, np.radians(30))
+    board = trimesh.creation.box(extents=[8.0, 0.2, 2.0])
+    obstacle = still(np.array(board.vertices) - [0, 0.1, 0], np.array(board.faces, np.int32))
+    sheet, x = strip(0.1, 0.1, 0.02, friction_body=mu)
     cloth = assemble(sheet)
-    v = np.zeros_like(x)
-    state = cloth.state(x, v)
-    share = np.full(len(high), width / (len(high) - 1))
-    share[[np.argmin(x[high, 0]), np.argmax(x[high, 0])]] /= 2
-    force = pull * share / sheet.masses[high], pull * share / sheet.masses[low]
-    for _ in range(360):  # pulled at both ends by accelerating the ends
-        fast = state.v.copy()
-        fast[high, 1] += force[0] / 1200
-        fast[low, 1] -= force[1] / 1200
-        state = step(cloth, replace(state, v=fast.astype(np.float32)), dt=1 / 1200, substeps=1, gravity=NONE, damping=20.0)
-    for _ in range(360):
-        fast = state.v.copy()
-        fast[high, 1] += force[0] / 1200
-        fast[low, 1] -= force[1] / 1200
-        state = step(cloth, replace(state, v=fast.astype(np.float32)), dt=1 / 1200, substeps=1, gravity=NONE, damping=60.0)
-    middle = (x[:, 1] > 0.12) & (x[:, 1] < 0.28)
-    strain = np.polyfit(x[middle, 1], state.x[middle, 1], 1)[0] - 1
-    assert pull / strain == pytest.approx(modulus, rel=0.03)
+    start = np.stack([x[:, 0], np.full(len(x), obstacle.offset), x[:, 1]], axis=1)
+    gravity = (9.81 * np.sin(angle), -9.81 * np.cos(angle), 0.0)
+    state = settled(cloth, cloth.state(start), 1.0, obstacle=obstacle, gravity=gravity, damping=0.0)
+    way = state.x[:, 0].mean() - start[:, 0].mean()
+    assert (
+        way == pytest.approx(9.81 / 2 * (np.sin(angle) - mu * np.cos(angle)), rel=0.05) if slides else abs(way) < 1e-3
+    )
+
+
+def test_two_cloths_stay_apart():
+    """Nothing goes through; of the 600 edges at most four cut a triangle, where one cloth bends over the other's rim."""
+    from vitruvian.cloth.tailor import cuts
+
+    one, x = strip(0.2, 0.2, 0.02)
+    count = one.count
+    both = Sheet(
+        np.concatenate([one.triangles, one.triangles + count]), np.tile(one.material, (2, 1, 1)),
+        np.zeros(2 * len(one.triangles), int), one.fabrics,
+    )  # fmt: skip
+    flat = np.stack([x[:, 0], np.zeros(len(x)), x[:, 1]], axis=1)
+    middle, c, s = flat.mean(axis=0), np.cos(0.3), np.sin(0.3)
+    start = np.concatenate([flat, (flat - middle) @ [[c, 0, s], [0, 1, 0], [-s, 0, c]] + middle + [0, 0.03, 0]])
+    cloth = assemble(both, pinned=np.arange(count), gap=0.003)
+    state = settled(cloth, cloth.state(start), 1.0)
+    upper = state.x[count:]
+    over = (upper[:, [0, 2]] > 0.01).all(axis=1) & (upper[:, [0, 2]] < 0.19).all(axis=1)
+    assert len(cuts(state.x.astype(float), both.triangles, both.edges)) <= 4
+    assert upper[over, 1].min() > 0.002 and upper[over, 1].max() < 0.03
+
+
+def test_the_same_twice_and_whatever_else_is_there():
+    sheet, x = strip(0.2, 0.2, 0.02)
+    cloth = assemble(sheet, pinned=[0], gap=0.002)
+    one, two = (settled(cloth, cloth.state(x), 0.3) for _ in range(2))
+    assert np.array_equal(one.x, two.x)
+
+
+def test_turned_with_gravity_it_is_the_same():
+    sheet, x = strip(0.2, 0.2, 0.02)
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    cloth = assemble(sheet, pinned=[0])
+    tilted = x + 0.01 * np.stack([np.zeros(len(x)), np.zeros(len(x)), np.sin(20 * x[:, 0])], axis=1)
+    plain = settled(cloth, cloth.state(tilted), 0.1)
+    other = settled(cloth, cloth.state(tilted @ turn.T), 0.1, gravity=tuple(turn @ [0, -9.81, 0]))
+    assert np.abs(other.x - plain.x @ turn.T).max() < 1e-3
+
+
+def test_colours_share_no_vertex_and_groups_keep_everything():
+    rng = np.random.default_rng(0)
+    c = np.array([rng.choice(40, 3, replace=False) for _ in range(100)])
+    colour = colours(c, 40)
+    for k in range(colour.max() + 1):
+        own = c[colour == k].ravel()
+        assert len(np.unique(own)) == len(own)
+    made = grouped(c.astype(np.int32), np.arange(100.0)[:, None], 40)
+    real = made.index[:, 0] < 40
+    assert np.array_equal(np.sort(made.rest[:, 0][real]), np.arange(100))
+
+
+def test_neighbours_of_triangles():
+    t = np.array([[0, 1, 2], [2, 1, 3], [0, 2, 4]], np.int32)
+    assert neighbours(t).tolist() == [[-1, 1, 2], [0, -1, -1], [0, -1, -1]]
+
+
+def test_fabrics_by_name_and_by_measure():
+    assert fabric("cotton jersey").name == "jersey" and fabric("Denim").stretch_v == 6000
+    with pytest.raises(VitruvianError, match="did you mean denim"):
+        fabric("denin")
+    with pytest.raises(VitruvianError, match="density"):
+        replace(FABRICS["silk"], density=-1.0)
+    with pytest.raises(VitruvianError, match="poisson"):
+        Fabric("x", 0.2, 100.0, 4000.0, 20.0, 1e-6, 1e-6, 1e-3, 0.3, 0.3, poisson=0.5)
+    # note cloth.md, section 11: 150 g/m2, bending length 1.5, 2, 3 cm
+    assert [1e6 * bending_from_length(0.15, c) for c in (0.015, 0.02, 0.03)] == pytest.approx(
+        [4.966, 11.772, 39.730], rel=1e-4
+    )
+
+
+def test_what_the_solver_refuses():
+    sheet, x = strip(0.1, 0.1, 0.02)
+    cloth = assemble(sheet)
+    with pytest.raises(VitruvianError, match="positions"):
+        cloth.state(x[:-1])
+    with pytest.raises(VitruvianError, match="positions: expected finite numbers"):
+        cloth.state(np.where(x == x[3], np.nan, x))
+    with pytest.raises(VitruvianError, match="pinned: expected indices"):
+        assemble(sheet, pinned=[len(x)])
+    with pytest.raises(VitruvianError, match="substeps"):
+        step(cloth, cloth.state(x), substeps=0)
+    with pytest.raises(VitruvianError, match="material of triangle 0: expected an area"):
+        Sheet(sheet.triangles, sheet.material * 0, sheet.fabric, (COTTON,))

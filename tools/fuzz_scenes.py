@@ -138,8 +138,19 @@ def own_files(known: set[str]) -> Iterator[Source]:
     yield from _captures(known)
 
 
+PATTERN = """{"pattern": {"panels": {
+"front": {"translation": [0, 90, 20], "rotation": [0, 0, 0], "label": "body", "vertices": [[0, 0], [30, 0], [30, 40]],
+"edges": [{"endpoints": [0, 1]}, {"endpoints": [1, 2], "curvature": {"type": "circle", "params": [25, 0, 1]}},
+{"endpoints": [2, 0], "curvature": {"type": "cubic", "params": [[0.3, 0.1], [0.6, -0.1]]}, "label": "left_collar"}]},
+"back": {"vertices": [[0, 0], [20, 0], [10, 20]], "edges": [{"endpoints": [0, 1]}, {"endpoints": [1, 2]},
+{"endpoints": [2, 0], "curvature": [0.5, 0.1]}]}},
+"stitches": [[{"panel": "front", "edge": 0}, {"panel": "back", "edge": 1}, "right_wrong"]]},
+"properties": {"units_in_meter": 100, "curvature_coords": "relative"}}"""
+
+
 def _captures(known: set[str]) -> Iterator[Source]:
-    """Capture files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim."""
+    """Files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim,
+    a pattern of GarmentCode."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
     from capture_maker import ASF, LABELS, MARKS, SHANK, THIGH, c3d, cloud, model
 
@@ -150,6 +161,7 @@ def _captures(known: set[str]) -> Iterator[Source]:
         ".c3d": c3d(cloud() * 1000, list(LABELS)),
         ".osim": model(THIGH, SHANK, markers=MARKS).encode(),
         ".mot": table.encode(),
+        ".garmentcode.json": PATTERN.encode(),
         ".sto": table.encode(),
     }
     for extension in sorted(known & set(made)):

@@ -52,7 +52,7 @@ VT_INLINE void scatter(float* x, const int32_t* index, const f8 in[4]) {
 VT_INLINE f8 dot(const f8 a[3], const f8 b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 // Eight triangles: C = (|f_u| - 1, |f_v| - 1, f_u . f_v) with f the columns of the deformation gradient.
-VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float over) {
+VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float* force, float over, float carry) {
     f8 q[3][4], e1[3], e2[3], fu[3], fv[3];
     for (int k = 0; k < 3; ++k) gather(x, index + 8 * k, q[k]);
     const f8 a = load8(rest), b = load8(rest + 8), c = load8(rest + 16), d = load8(rest + 24);
@@ -72,7 +72,10 @@ VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float
     const f8 a11 = suu + load8(rest + 32) * over, a12 = suv * cosine + load8(rest + 40) * over;
     const f8 a22 = svv + load8(rest + 48) * over, a13 = suu * uv * iu + suv * lu, a23 = suv * lv + svv * uv * iv;
     const f8 a33 = suu * vv + 2.0f * suv * uv + svv * uu + load8(rest + 56) * over;
-    const f8 r1 = one - lu, r2 = one - lv, r3 = all(0.0f) - uv;
+    const f8 k1 = carry * load8(force), k2 = carry * load8(force + 8), k3 = carry * load8(force + 16);
+    const f8 s11 = load8(rest + 32) * over, s12 = load8(rest + 40) * over, s22 = load8(rest + 48) * over;
+    const f8 s33 = load8(rest + 56) * over;
+    const f8 r1 = one - lu - s11 * k1 - s12 * k2, r2 = one - lv - s12 * k1 - s22 * k2, r3 = all(0.0f) - uv - s33 * k3;
     // symmetric, positive definite: by cofactors
     const f8 m11 = a22 * a33 - a23 * a23, m12 = a13 * a23 - a12 * a33, m13 = a12 * a23 - a13 * a22;
     const f8 m22 = a11 * a33 - a13 * a13, m23 = a12 * a13 - a11 * a23, m33 = a11 * a22 - a12 * a12;
@@ -81,6 +84,7 @@ VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float
     const f8 inverse = one / larger(whole, least);
     const f8 l1 = (m11 * r1 + m12 * r2 + m13 * r3) * inverse, l2 = (m12 * r1 + m22 * r2 + m23 * r3) * inverse;
     const f8 l3 = (m13 * r1 + m23 * r2 + m33 * r3) * inverse;
+    store8(force, k1 + l1), store8(force + 8, k2 + l2), store8(force + 16, k3 + l3);
     const f8 pu = iu * l1, qv = iv * l2;
     for (int k = 0; k < 3; ++k) {
         const f8 w = q[k][3];
@@ -91,13 +95,18 @@ VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float
 }
 
 // Eight hinges: the weighted sum of their four vertices, as long as the angle between the triangles is wide.
-VT_INLINE void hinge(float* x, const int32_t* index, const float* rest, float over) {
+VT_INLINE void hinge(float* x, const int32_t* index, const float* rest, float* force, float over, float carry) {
     f8 q[4][4], c[3], k[4];
     for (int i = 0; i < 4; ++i) gather(x, index + 8 * i, q[i]), k[i] = load8(rest + 8 * i);
-    f8 sum = load8(rest + 32) * over;
+    const f8 give = load8(rest + 32) * over;
+    f8 sum = give;
     for (int i = 0; i < 4; ++i) sum += q[i][3] * k[i] * k[i];
     const f8 minus = all(-1.0f) / larger(sum, all(1e-30f));
-    for (int j = 0; j < 3; ++j) c[j] = (k[0] * q[0][j] + k[1] * q[1][j] + k[2] * q[2][j] + k[3] * q[3][j]) * minus;
+    for (int j = 0; j < 3; ++j) {
+        const f8 kept = carry * load8(force + 8 * j);
+        c[j] = (k[0] * q[0][j] + k[1] * q[1][j] + k[2] * q[2][j] + k[3] * q[3][j] + give * kept) * minus;
+        store8(force + 8 * j, kept + c[j]);
+    }
     for (int i = 0; i < 4; ++i) {
         const f8 share = q[i][3] * k[i];
         for (int j = 0; j < 3; ++j) q[i][j] += share * c[j];
@@ -254,6 +263,8 @@ void push(const ClothFrame& f, const ClothBody& body, int64_t n, float s0, float
         const float away = out < 0 ? -apart : apart, c = body.offset - away;
         f.slack[i] = away - body.offset;
         if (c <= 0) continue;
+        if (apart > 1e-5f)  // straight away from the foot; on the surface itself along its normal
+            for (int j = 0; j < 3; ++j) normal[j] = (x[j] - foot.now[j]) / away;
         const float by = c < body.most ? c : body.most;
         float slip[3], along = 0, length = 0;
         for (int j = 0; j < 3; ++j) slip[j] = (x[j] - p[j]) - (foot.now[j] - was[j]), along += slip[j] * normal[j];
@@ -346,7 +357,8 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
                 if (fast > f.limit)
                     for (int j = 0; j < 3; ++j) v[j] *= f.limit / fast;
             }
-            for (int j = 0; j < 3; ++j) q[j] = x[j] += h * v[j];
+            const float* d = f.d + 4 * i;
+            for (int j = 0; j < 3; ++j) q[j] = x[j] + h * v[j], x[j] = q[j] + f.carry * d[j];
         }
         for (int64_t k = 0; k < f.pins; ++k)
             for (int j = 0; j < 3; ++j) {
@@ -354,9 +366,11 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
                 f.x[4 * int64_t(f.pin[k]) + j] = a + s1 * (b - a);
             }
         for (int64_t g = 0; g < program.membranes; ++g)
-            membrane(f.x, program.membrane + 24 * g, program.membrane_rest + 64 * g, over);
+            membrane(f.x, program.membrane + 24 * g, program.membrane_rest + 64 * g, f.membrane_force + 24 * g, over, f.carry);
         for (int64_t g = 0; g < program.hinges; ++g)
-            hinge(f.x, program.hinge + 32 * g, program.hinge_rest + 40 * g, over);
+            hinge(f.x, program.hinge + 32 * g, program.hinge_rest + 40 * g, f.hinge_force + 24 * g, over, f.carry);
+        for (int64_t i = 0; i < n; ++i)
+            for (int j = 0; j < 3; ++j) f.d[4 * i + j] = f.x[4 * i + j] - f.q[4 * i + j];
         for (int64_t g = 0; g < program.tethers; ++g)
             tether(f.x, program.tether + 16 * g, program.tether_rest + 8 * g);
         if (f.pairs) sew(f, s1, over);
@@ -364,7 +378,8 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
         if (body.triangles) push(f, body, n, s0, s1, body.reach / float(f.substeps));
         for (int64_t i = 0; i < n; ++i) {
             float *x = f.x + 4 * i, *v = f.v + 4 * i, *q = f.q + 4 * i;
-            for (int j = 0; j < 3; ++j) v[j] += (x[j] - q[j]) / h;  // not from p: that would round each time
+            if (x[3] > 0)
+                for (int j = 0; j < 3; ++j) v[j] += (x[j] - q[j]) / h;  // not from p: that would round each time
         }
     }
 }

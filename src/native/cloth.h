@@ -48,6 +48,10 @@ struct ClothFrame {
     float* v;                       // (n + 1, 4)
     float* p;                       // (n + 1, 4) scratch: positions at a substep's begin
     float* q;                       // (n + 1, 4) scratch: where velocities alone would lead
+    float* d;                       // (n + 1, 4) what the multipliers below move
+    float* membrane_force;          // (groups, 3, 8) multipliers, kept from substep to substep
+    float* hinge_force;             // (groups, 3, 8)
+    float carry;                    // share of them that the next substep begins with
     float* slack;                   // (n,) scratch
     float step;                     // seconds of a substep
     int substeps;

@@ -18,7 +18,8 @@ auto lasting(std::vector<T>&& values, std::initializer_list<size_t> shape) {
 }
 
 // Advances x (n+1,4) and v (n+1,4) by one frame, in place.
-void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
+void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Output<float, 3> membrane_force,
+                 Output<float, 3> hinge_force, float carry, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
                  Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> tether,
                  Array<float, 3> tether_rest, double dt, int substeps, Array<float, 1> gravity, float damping,
                  float limit, Array<int32_t, 1> pin, Array<float, 2> pin_path, Array<int32_t, 2> pair,
@@ -30,6 +31,8 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membr
     check(n >= 0 && x.shape(1) == 4 && v.shape(0) == x.shape(0) && v.shape(1) == 4, "positions do not fit");
     check(int64_t(nearest.shape(0)) == n && int64_t(friction.shape(0)) == n, "vertices do not fit");
     check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
+    check(d.shape(0) == x.shape(0) && d.shape(1) == 4, "multipliers do not fit");
+    check(membrane_force.shape(0) == membrane.shape(0) && hinge_force.shape(0) == hinge.shape(0), "multipliers do not fit");
     check(side.shape(0) == near.shape(0) && gap.shape(0) == near.shape(0) && rub.shape(0) == near.shape(0),
           "contacts do not fit");
     check(substeps > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
@@ -39,6 +42,7 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Array<int32_t, 3> membr
     std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 9]);
     const float* g = gravity.data();
     const vt::ClothFrame frame{x.data(), v.data(), scratch.get(), scratch.get() + 4 * (n + 1),
+                               d.data(), membrane_force.data(), hinge_force.data(), carry,
                                scratch.get() + 8 * (n + 1),
                                float(dt / substeps), substeps, {g[0], g[1], g[2]}, damping,
                                int64_t(pin.shape(0)), pin.data(), pin_path.data(),
@@ -64,20 +68,21 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
             int64_t(edge.shape(0)), same.data()};
 }
 
-// Pairs (k,4), sides (k,), how many of them are vertices and triangles, and the keys of those (c,2).
+// Pairs (k,4), sides (k,), how many of them are vertices and triangles, and keys (r,2) and sides (r,)
+// of those to be remembered.
 nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
-                     Array<int32_t, 1> same, float reach,
+                     Array<int32_t, 1> same, float reach, float firm,
                      Array<int32_t, 2> before, Array<float, 1> side) {
     const vt::Surface s = surface(x, triangle, edge, same);
     vt::Near out;
     {
         nb::gil_scoped_release release;
-        vt::find_near(s, reach, before.data(), side.data(), int64_t(before.shape(0)), out);
+        vt::find_near(s, reach, firm, before.data(), side.data(), int64_t(before.shape(0)), out);
         out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
     }
-    const size_t all = out.side.size(), corners = out.key.size() / 2;
-    return nb::make_tuple(lasting(std::move(out.corner), {all, 4}), lasting(std::move(out.side), {all}), corners,
-                          lasting(std::move(out.key), {corners, 2}));
+    const size_t all = out.side.size(), kept = out.key_side.size();
+    return nb::make_tuple(lasting(std::move(out.corner), {all, 4}), lasting(std::move(out.side), {all}), out.corners,
+                          lasting(std::move(out.key), {kept, 2}), lasting(std::move(out.key_side), {kept}));
 }
 
 nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,

@@ -100,7 +100,7 @@ V nearest(V p, V a, V b, V c) {  // of a triangle (Ericson 2005, 5.1.5)
 
 }  // namespace
 
-void find_near(const Surface& s, float reach, const int32_t* before, const float* side, int64_t known, Near& out) {
+void find_near(const Surface& s, float reach, float firm, const int32_t* before, const float* side, int64_t known, Near& out) {
     const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
     const float cell = std::max(length_of(s), 2 * reach);
     const double limit = double(reach) * reach;
@@ -135,8 +135,11 @@ void find_near(const Surface& s, float reach, const int32_t* before, const float
                 }
                 if (low < known && before[2 * low] == v && before[2 * low + 1] == t) which = side[low];
                 out.corner.insert(out.corner.end(), {v, c[0], c[1], c[2]});
-                out.key.insert(out.key.end(), {v, t});
                 out.side.push_back(which);
+                ++out.corners;
+                if (dot(way, way) > double(firm) * firm) continue;
+                out.key.insert(out.key.end(), {v, t});
+                out.key_side.push_back(which);
             }
         }
     }

@@ -36,6 +36,8 @@ _WHERE = {
     "transfer": "modeling.transfer",
     "reuse": "modeling.reuse",
     "decimate": "modeling.decimate",
+    "tailor": "cloth.tailor",
+    "Pattern": "cloth.pattern",
     "rearrange": "modeling.rearrange",
     "split": "modeling.parts",
     "join": "modeling.parts",
@@ -61,6 +63,8 @@ if TYPE_CHECKING:
     from vitruvian.body.types import Body as Body
     from vitruvian.body.types import Skeleton as Skeleton
     from vitruvian.body.types import Skin as Skin
+    from vitruvian.cloth.pattern import Pattern as Pattern
+    from vitruvian.cloth.tailor import tailor as tailor
     from vitruvian.deform.deformer import deformer as deformer
     from vitruvian.errors import FileError as FileError
     from vitruvian.errors import VitruvianError as VitruvianError

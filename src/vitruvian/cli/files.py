@@ -92,7 +92,7 @@ def info(
     from vitruvian.formats import registry
 
     form = registry.kind(file)
-    document: dict[str, Any] = {"format": form.lstrip(".")}
+    document: dict[str, Any] = {"format": form.lstrip(".").removesuffix(".json")}
     lines = []
     options = said(file, unit, up, fps, actor, skeleton)
     if "actor" in registry.SAYABLE.get(form, ()):
@@ -113,6 +113,10 @@ def info(
             key, describe = FACTS[type(thing).__name__]
             document[key], text = describe(thing)
             lines.append(text)
+        elif hasattr(thing, "panels"):
+            facts = {"panels": len(thing.panels), "seams": len(thing.seams)}
+            document["pattern"] = facts
+            lines.append(f"sewing pattern: {count(facts['panels'], 'panel')}, {count(facts['seams'], 'seam')}")
         elif hasattr(thing, "unit"):
             facts = {"vertices": len(thing.vertices), "triangles": len(thing.triangles), "unit": thing.unit}
             document["mesh"] = facts

@@ -21,7 +21,8 @@ Single = NDArray[np.float32]
 FRAME, SUBSTEPS = 1 / 60, 20
 GRAVITY = (0.0, -9.81, 0.0)
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
-MARGIN = 0.003  # metres beyond the gap in which cloth counts as near to cloth
+FIRM = 1.5  # gaps: what was so near is on the side where it was, whatever a frame makes of it
+CARRY = 0.5  # of the constraints' multipliers that the next substep begins with; above 0.7 cloth begins to ring
 NONE: Ints = np.zeros((0, 2), np.int32)
 
 
@@ -60,6 +61,7 @@ class State:
     nearest: Ints | None = None
     near: Ints = field(default_factory=lambda: NONE)
     side: Single = field(default_factory=lambda: np.zeros(0, np.float32))
+    drive: tuple[Single, Single, Single] | None = None
 
     @property
     def speed(self) -> float:
@@ -120,7 +122,7 @@ def step(
         0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}"
     )
     n, sheet = len(cloth.inverse_mass), cloth.sheet
-    x, v = np.zeros((n + 1, 4), np.float32), np.zeros((n + 1, 4), np.float32)
+    x, v, d = (np.zeros((n + 1, 4), np.float32) for _ in range(3))
     x[:n, :3], x[:n, 3], v[:n, :3] = state.x, cloth.inverse_mass, state.v
     if damping is None:
         damping = float(np.mean([f.damping for f in sheet.fabrics]))
@@ -128,12 +130,17 @@ def step(
     path[:, :3] = path[:, 3:] = state.x[cloth.pinned]
     if targets is not None:
         path[:, 3:] = floats(targets, "targets", len(cloth.pinned), 3)
+    groups = len(cloth.membranes.index), len(cloth.hinges.index)
+    if state.drive is None:
+        stretch, bend = (np.zeros((g, 3, 8), np.float32) for g in groups)
+    else:
+        d[:n, :3], stretch, bend = state.drive[0], state.drive[1].copy(), state.drive[2].copy()
     sewn = np.zeros((0, 3), np.float32) if pairs is None else _rests(pairs)
     nearest = np.full(n, -1, np.int32)
     if obstacle is not None:
         fresh = state.nearest is None or state.frame % SEEK == 0
         nearest = obstacle.nearest(state.x.astype(np.float64))[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
-    touch, known = _touching(cloth, state, x, dt)
+    touch, known = _touching(cloth, state, x, dt, substeps)
     native = kernels()
     if native is None:
         from vitruvian.cloth.solver_numpy import cloth_frame
@@ -148,7 +155,7 @@ def step(
     body = empty if obstacle is None else (obstacle.triangles, obstacle.neighbours, obstacle.start, obstacle.end)
     limits = (0.0, 0.0, 0.0) if obstacle is None else (obstacle.offset, obstacle.most, obstacle.reach)
     cloth_frame(
-        x, v,
+        x, v, d, stretch, bend, CARRY,
         cloth.membranes.index, cloth.membranes.rest, cloth.hinges.index, cloth.hinges.rest,
         cloth.tethers.index, cloth.tethers.rest,
         dt, substeps, np.asarray(gravity, np.float32), damping, 0.5 * cloth.gap,
@@ -159,7 +166,9 @@ def step(
     )  # fmt: skip
     near, side = known
     seen = nearest if obstacle is not None else state.nearest
-    return State(x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side)
+    return State(
+        x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch, bend)
+    )
 
 
 def _rests(pairs: Pairs) -> Single:
@@ -172,26 +181,26 @@ def _friction(cloth: Cloth, name: str) -> Single:
     return cloth.sheet.of_vertices(name).astype(np.float32)
 
 
-def _touching(cloth: Cloth, state: State, x: Single, dt: float) -> tuple[tuple, tuple[Ints, Single]]:
+def _touching(cloth: Cloth, state: State, x: Single, dt: float, substeps: int) -> tuple[tuple, tuple[Ints, Single]]:
     """What of the cloth is near to itself at the frame's begin, as the kernel takes it, and what to remember."""
     nothing = np.zeros(0, np.float32)
     if not cloth.gap:
         return (np.zeros((0, 4), np.int32), nothing, nothing, nothing, 0), (NONE, nothing)
     native = kernels()
     fastest = float(np.sqrt((state.v.astype(np.float64) ** 2).sum(axis=1).max(initial=0)))
-    reach = cloth.gap + min(2 * fastest * dt, MARGIN)
+    reach = cloth.gap + 2 * min(fastest * dt, 0.5 * cloth.gap * substeps)  # as far as the limit lets both come
     if native is None:
         from vitruvian.cloth.touch_numpy import near_cloth
     else:
         near_cloth = native.near_cloth
     n = len(state.x)
     sheet = cloth.sheet
-    index, side, corners, key = near_cloth(
-        x[:n], sheet.triangles, sheet.edges, cloth.same, reach, state.near, state.side
+    index, side, corners, key, kept = near_cloth(
+        x[:n], sheet.triangles, sheet.edges, cloth.same, reach, FIRM * cloth.gap, state.near, state.side
     )
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = _friction(cloth, "friction_self")[index[:, 0]]
-    return (index, side, gap, friction, int(corners)), (key, side[:corners])
+    return (index, side, gap, friction, int(corners)), (key, kept)
 
 
 def without_touching(cloth: Cloth) -> Cloth:

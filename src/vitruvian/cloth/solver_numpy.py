@@ -12,7 +12,7 @@ Single = NDArray[np.float32]
 
 
 def cloth_frame(
-    x: Single, v: Single,
+    x: Single, v: Single, d: Single, membrane_force: Single, hinge_force: Single, carry: float,
     membrane: Ints, membrane_rest: Single, hinge: Ints, hinge_rest: Single, tether: Ints, tether_rest: Single,
     dt: float, substeps: int, gravity: Single, damping: float, limit: float,
     pin: Ints, pin_path: Single, pair: Ints, pair_rest: Single,
@@ -36,14 +36,19 @@ def cloth_frame(
         way = h * speed
         if limit > 0:
             size = np.linalg.norm(way, axis=1, keepdims=True)
-            way *= np.minimum(1.0, limit / np.maximum(size, 1e-30))
-        at[free] += way[free]
+            short = np.minimum(1.0, limit / np.maximum(size, 1e-30))
+            way, speed = way * short, speed * short
+        foreseen = at.copy()
+        foreseen[free] += way[free]
+        at = foreseen.copy()
+        at[free] += carry * d[free, :3]
         if len(pin):
             at[pin] = pin_path[:, :3] + high * (pin_path[:, 3:] - pin_path[:, :3])
-        for index, rest in zip(membrane, membrane_rest):
-            _membrane(at, w, index, rest.astype(np.float64), h)
-        for index, rest in zip(hinge, hinge_rest):
-            _hinge(at, w, index, rest.astype(np.float64), h)
+        for index, rest, force in zip(membrane, membrane_rest, membrane_force):
+            _membrane(at, w, index, rest.astype(np.float64), force, h, carry)
+        for index, rest, force in zip(hinge, hinge_rest, hinge_force):
+            _hinge(at, w, index, rest.astype(np.float64), force, h, carry)
+        d[:, :3] = at - foreseen
         for index, rest in zip(tether, tether_rest):
             _tether(at, w, index, rest.astype(np.float64))
         for (a, b), (start, end, compliance) in zip(pair, pair_rest.astype(np.float64)):
@@ -59,11 +64,11 @@ def cloth_frame(
             body = before.astype(np.float64) + high * (after.astype(np.float64) - before)
             then = before.astype(np.float64) + low * (after.astype(np.float64) - before)
             _push(at[:n], was[:n], w[:n], triangle, body, then, offset, most, nearest, friction)
-        speed = (at - was) / h
+        speed[free] += (at - foreseen)[free] / h
     x[:n, :3], v[:n, :3] = at[:n], speed[:n]
 
 
-def _membrane(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
+def _membrane(at: Floats, w: Floats, index: Ints, rest: Floats, force: Single, h: float, carry: float) -> None:
     a, b, c, d = rest[:4]
     p = at[index]
     e1, e2 = p[1] - p[0], p[2] - p[0]
@@ -77,22 +82,26 @@ def _membrane(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> Non
     )  # (vertex, strain, lane, axis)
     matrix = np.einsum("vl,vilx,vjlx->lij", w[index], grad, grad)
     zero = np.zeros_like(a)
-    matrix += np.array([[rest[4], rest[5], zero], [rest[5], rest[6], zero], [zero, zero, rest[7]]]).transpose(
-        2, 0, 1
-    ) / (h * h)
-    right = -np.stack([lu - 1, lv - 1, np.sum(fu * fv, axis=1)], axis=1)
+    give = np.array([[rest[4], rest[5], zero], [rest[5], rest[6], zero], [zero, zero, rest[7]]]).transpose(2, 0, 1)
+    give = give / (h * h)
+    matrix += give
+    kept = carry * force.T.astype(np.float64)
+    right = -np.stack([lu - 1, lv - 1, np.sum(fu * fv, axis=1)], axis=1) - np.einsum("lij,lj->li", give, kept)
     some = np.abs(np.linalg.det(matrix)) > 0
     share = np.zeros_like(right)
     share[some] = np.linalg.solve(matrix[some], right[some][..., None])[..., 0]
+    force[:] = (kept + share).T
     move = w[index][..., None] * np.einsum("vilx,li->vlx", grad, share)
     _add(at, index, move)
 
 
-def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
+def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, force: Single, h: float, carry: float) -> None:
     factor = rest[:4]
-    c = np.einsum("vl,vlx->lx", factor, at[index])
-    both = np.maximum(np.sum(w[index] * factor**2, axis=0) + rest[4] / (h * h), 1e-30)
-    _add(at, index, -(w[index] * factor)[..., None] * (c / both[:, None]))
+    give, kept = rest[4] / (h * h), carry * force.T.astype(np.float64)
+    both = np.maximum(np.sum(w[index] * factor**2, axis=0) + give, 1e-30)
+    share = -(np.einsum("vl,vlx->lx", factor, at[index]) + give[:, None] * kept) / both[:, None]
+    force[:] = (kept + share).T
+    _add(at, index, (w[index] * factor)[..., None] * share)
 
 
 def _tether(at: Floats, w: Floats, index: Ints, rest: Floats) -> None:
@@ -128,6 +137,8 @@ def _push(
     out = np.sum((at - now) * normal, axis=1)
     apart = np.linalg.norm(at - now, axis=1)
     by = np.minimum(offset - np.where(out < 0, -apart, apart), most)
+    away = np.where(out < 0, -apart, apart)[:, None]
+    normal = np.where(apart[:, None] > 1e-5, (at - now) / np.where(away == 0, 1, away), normal)
     hit = (by > 0) & (w > 0)
     slip = (at - was) - (now - before)
     slip -= np.sum(slip * normal, axis=1, keepdims=True) * normal

@@ -68,7 +68,7 @@ def tailor(
     thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
-    sewing = assemble(sewn(mesh, None, smooth), gap=thick, same=weld)
+    sewing = assemble(sewn(mesh, None, smooth))
     state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress)
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)

@@ -35,12 +35,15 @@ def shares(x: Floats, corner: Floats) -> Floats:
 
 
 def near_cloth(
-    x: Single, triangles: Ints, edges: Ints, same: Ints, reach: float, before: Ints, side: Single
-) -> tuple[Ints, Single, int, Ints]:
+    x: Single, triangles: Ints, edges: Ints, same: Ints, reach: float, firm: float, before: Ints, side: Single
+) -> tuple[Ints, Single, int, Ints, Single]:
     """As the kernel: vertices and triangles, then edges, that are at most `reach` apart. See src/native/near_cloth.h."""
     p = x[:, :3].astype(np.float64)
     known = {(int(v), int(t)): float(s) for (v, t), s in zip(before, side)}
-    index, sides, keys = [], [], []
+    index: list[list[int]] = []
+    sides: list[float] = []
+    keys: list[list[int]] = []
+    kept: list[float] = []
     for v in range(len(p)):
         away = ~(same[triangles] == same[v]).any(axis=1)
         low, high = p[triangles].min(axis=1), p[triangles].max(axis=1)
@@ -53,8 +56,10 @@ def near_cloth(
         for k in np.flatnonzero(np.sum(way * way, axis=1) <= reach * reach):
             t = int(some[k])
             index.append([v, *triangles[t]])
-            keys.append([v, t])
             sides.append(known.get((v, t), -1.0 if up[k] < 0 else 1.0))
+            if np.sum(way[k] ** 2) <= firm * firm:
+                keys.append([v, t])
+                kept.append(sides[-1])
     count = len(index)
     a, b = p[edges[:, 0]], p[edges[:, 1]]
     low, high = np.minimum(a, b), np.maximum(a, b)
@@ -80,6 +85,7 @@ def near_cloth(
         np.array(sides, np.float32),
         count,
         np.array(keys, np.int32).reshape(-1, 2),
+        np.array(kept, np.float32),
     )
 
 
