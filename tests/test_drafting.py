@@ -88,8 +88,8 @@ def test_drafts_can_be_cut_and_sewn(name, measures):
     assert topology(welded(mesh)[mesh.triangles]) == TOPOLOGY[name]
     assert np.degrees(angles(mesh).min()) > 20
     for panel in pattern.panels:  # away from the body: fronts forwards, backs backwards
-        faces = panel.rotation[2, 2] * area(panel)
-        assert faces * panel.translation[2] > 0, panel.name
+        faces = panel.rotation[:, 2] * area(panel)
+        assert faces @ (panel.translation * [1, 0, 1]) > 0, panel.name
         assert abs(np.linalg.det(panel.rotation) - 1) < 1e-12
 
 
@@ -136,10 +136,10 @@ def test_options_change_what_they_say():
     chest = figure(WOMAN).armpit - 0.08
     assert girth(long, chest) - girth(plain, chest) == pytest.approx(0.1, abs=2e-3)
     assert np.ptp(long.panel("left_sleeve_front").vertices[:, 0]) == pytest.approx(0.54)
-    ring = drafted("circle-skirt", WOMAN, circle=0.5, length=0.5, band=0.0)
+    ring = drafted("circle-skirt", WOMAN, circle=0.4, length=0.5, band=0.0)
     arcs = sorted(length(ring.panel("front"), i) for i in range(4))
     waist = (WOMAN["waist"] + 0.02) / 2
-    assert arcs == pytest.approx(sorted([waist, 0.5, 0.5, waist + 0.5 * np.pi * 0.5]))
+    assert arcs == pytest.approx(sorted([waist, 0.5, 0.5, waist + 0.4 * np.pi * 0.5]))
     buttons = drafted("shirt", WOMAN, closed="buttons")
     assert len(buttons.buttons) >= 5 and len(buttons.seams) == len(drafted("shirt", WOMAN).seams) - 1
     overlap = buttons.panel("left_front").vertices[:, 0].min(), buttons.panel("right_front").vertices[:, 0].max()

@@ -25,6 +25,8 @@ from vitruvian.cloth.drafting.pieces import (
 from vitruvian.cloth.pattern import Pattern, Seam
 from vitruvian.errors import VitruvianError
 
+GORES = 0.45  # of a full ring: wider skirts are cut in four
+STEEPEST = np.radians(55.0)  # that their parts lean out before they are sewn
 WAIST = "lower_interface"  # the edge that a garment without shoulders hangs by
 Point = tuple[float, float]
 
@@ -78,7 +80,7 @@ def trousers(
     f = figure(measures, heights)
     ease, waist_ease = number("ease", ease, 0.0, 0.6), number("waist_ease", waist_ease, 0.0, 0.3)
     band = number("band", band, 0.0, 0.15)
-    inside = number("length", 0.965 * f["inseam"] if length is None else length, 0.1, f.crotch)
+    inside = number("length", 0.93 * f["inseam"] if length is None else length, 0.1, f.crotch)
     around_knee = max(0.72 * f["thigh"], f["calf"] + 0.05) if knee is None else knee
     around_hem = max(0.88 * around_knee, 0.2 * f["height"]) if hem is None else hem
     around_knee, around_hem = number("knee", around_knee, 0.15, 2.0), number("hem", around_hem, 0.15, 2.0)
@@ -106,9 +108,7 @@ def trousers(
     return Pattern("trousers", tuple(p.panel for p in every), tuple(seams), measures=dict(f.measures))
 
 
-def _legs(
-    f: Figure, ease: float, waist_ease: float, inside: float, knee: float, hem: float
-) -> dict[str, list[Line]]:
+def _legs(f: Figure, ease: float, waist_ease: float, inside: float, knee: float, hem: float) -> dict[str, list[Line]]:
     """Outlines of the left front and back, u = 0 in the middle of the body, v = 0 at the waist."""
     quarter = (f["hips"] + ease) / 4
     hips, crotch = f.hips - f.waist, f.crotch - f.waist - 0.012
@@ -120,7 +120,11 @@ def _legs(
     low, middle = crotch - inside, crotch - 0.44 * inside
     # the sides of front and back have one shape, so that they are equally long
     crease = 0.5 * (wide["front"] - fork["front"])
-    out = {"hips": 0.0, "knee": crease + knee / 4 - 0.005 - wide["front"], "hem": crease + hem / 4 - 0.005 - wide["front"]}
+    out = {
+        "hips": 0.0,
+        "knee": crease + knee / 4 - 0.005 - wide["front"],
+        "hem": crease + hem / 4 - 0.005 - wide["front"],
+    }
 
     def waists(shift: float) -> float:
         return sum(float(np.hypot(wide[n] - shift - tops[n][0], tops[n][1])) for n in tops)
@@ -217,7 +221,15 @@ def skirt(
 
 
 def sector(
-    name: str, waist: float, angle: float, long: float, face: int, place: tuple[float, float, float], label: str
+    name: str,
+    waist: float,
+    angle: float,
+    long: float,
+    face: int,
+    place: tuple[float, float, float],
+    label: str,
+    around: float = 0.0,
+    tilt: float = 0.0,
 ) -> Piece:
     """Part of a ring: its inner arc of `waist` metres over `angle` radians, hanging down `long` metres."""
     inner, half = waist / angle, angle / 2
@@ -233,7 +245,7 @@ def sector(
         Line("right", at(outer, -half)),
     ]
     high = 0.5 * inner * (1 - float(np.cos(half)))  # half of what the waist's ends are above its middle
-    return piece(name, lines, face, (place[0], place[1] - high, place[2]))
+    return piece(name, lines, face, (place[0], place[1] - high, place[2]), around=around, tilt=tilt)
 
 
 def circle_skirt(
@@ -262,7 +274,51 @@ def circle_skirt(
         for n, face in (("front", FRONT), ("back", BACK))
     ]
     seams = [join(made[0], side, made[1]) for side in ("left", "right")]
-    if band:
+    if circle > GORES:
+        made, seams = _gores(f, waist / 2, angle / 2, long, label)
+    if band and len(made) == 2:
         bands, more = _bands(made[:1], made[1:], f, band, 0.12)
         made, seams = made + bands, seams + more
+    elif band:
+        bands, more = _ring(f, made, waist, band)
+        made, seams = made + bands, seams + more
     return Pattern("circle-skirt", tuple(p.panel for p in made), tuple(seams), measures=dict(f.measures))
+
+
+def _gores(f: Figure, waist: float, angle: float, long: float, label: str) -> tuple[list[Piece], list[Seam]]:
+    """Four parts of a ring around the body: front, back, left, right, leaning out so that they do not cross. In two parts
+    it would reach out to the hands."""
+    far, below = 0.11 + f["hips"] / 12, f.waist - 0.09 * f["height"]  # clear of the hands: seams draw it up
+    tilt = float(np.arcsin(min(np.tan(angle / 2), np.sin(STEEPEST))))
+    made = [
+        sector(name, waist, angle, long, face, (side * far, below, (face if not side else 0) * 0.14), label, turn, tilt)
+        for name, face, side, turn in (
+            ("front", FRONT, 0, 0.0),
+            ("back", BACK, 0, 0.0),
+            ("left", FRONT, 1, np.pi / 2),
+            ("right", FRONT, -1, -np.pi / 2),
+        )
+    ]
+    front, back, left, right = made
+    seams = [join(front, "left", left, "right"), join(front, "right", right, "left")]
+    seams += [join(back, "left", left, "left"), join(back, "right", right, "right")]
+    return made, seams
+
+
+def _ring(f: Figure, gores: list[Piece], waist: float, height: float) -> tuple[list[Piece], list[Seam]]:
+    """A waistband of a front and a back, whose sides meet in the middle of the left and right gore."""
+    half, quarter = waist / 2, waist / 4
+    low = [Line("right_low", (-half, 0.0)), Line("low", (-quarter, 0.0)), Line("left_low", (quarter, 0.0))]
+    lines = [*low, Line("left", (half, 0)), Line("top", (half, height), (), WAIST), Line("right", (-half, height))]
+    made, seams = [], []
+    for name, face, below in (("front_band", FRONT, gores[0]), ("back_band", BACK, gores[1])):
+        band = piece(name, lines, face, (0.0, f.waist, face * 0.12))
+        made.append(band)
+        seams.append(join(band, "low", below, "waist"))
+        # the waist of the left gore runs from the back to the front, that of the right one to the back
+        first, last = (0.0, 0.5), (0.5, 1.0)
+        for side, gore in (("left", gores[2]), ("right", gores[3])):
+            part = last if (side == "left") == (face == FRONT) else first
+            seams.append(Seam((band.span(f"{side}_low"),), (gore.span("waist", *part),)))
+    seams += [join(made[0], side, made[1]) for side in ("left", "right")]
+    return made, seams

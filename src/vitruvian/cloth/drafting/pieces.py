@@ -59,12 +59,14 @@ def piece(
     place: tuple[float, float, float],
     *,
     turn: float = 0.0,
+    around: float = 0.0,
+    tilt: float = 0.0,
     label: str = "body",
     grain: tuple[float, float] = (0.0, 1.0),
     order: int = 0,
 ) -> Piece:
-    """A piece of closed `lines` that faces forwards (`FRONT`) or backwards, turned about z by `turn` radians and moved
-    to `place`."""
+    """A piece of closed `lines` that faces forwards (`FRONT`) or backwards, turned about z by `turn`, tilted by
+    `tilt` so that what is below leans out, turned about y by `around` radians, and moved to `place`."""
     corners = np.array([line.at for line in lines], np.float64)
     kinds = {0: "line", 1: "quadratic", 2: "cubic"}
     edges = tuple(
@@ -77,14 +79,23 @@ def piece(
         )
         for i, line in enumerate(lines)
     )
-    c, s = np.cos(turn), np.sin(turn)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = _about(1, around) @ _about(0, -face * tilt) @ _about(2, turn)
     panel = Panel(name, corners, edges, label, rotation, np.array(place), np.array(grain), order=order)
     if area(panel) * face > 0:
         return Piece(panel, tuple(line.name for line in lines))
     # the other way round: edge k of the new outline is the last but k of the old one
     back = tuple(replace(e, start=e.end, end=e.start, points=e.points[::-1]) for e in edges[::-1])
     return Piece(replace(panel, edges=back), tuple(line.name for line in lines[::-1]))
+
+
+def _about(axis: int, angle: float) -> Floats:
+    """(3,3) rotation about an axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = np.eye(3)
+    out[i, i] = out[j, j] = np.cos(angle)
+    out[j, i] = np.sin(angle)
+    out[i, j] = -out[j, i]
+    return out
 
 
 def mirrored(lines: Sequence[Line]) -> list[Line]:

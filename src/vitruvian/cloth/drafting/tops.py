@@ -65,7 +65,9 @@ def bodice(
     tip = min(f["shoulder_width"] / 2, quarter - 0.02)
     inner, outer = (neck, RISE), (tip, RISE - SLOPE * (tip - neck))
     if tip - neck < 0.02:
-        raise VitruvianError(f"draft: the {name}'s shoulder is {100 * (tip - neck):.1f} cm long; make the neck narrower")
+        raise VitruvianError(
+            f"draft: the {name}'s shoulder is {100 * (tip - neck):.1f} cm long; make the neck narrower"
+        )
     hollow = 0.075 if name == "front" else 0.04  # of the half shoulder: how far the armhole cuts in
     across = tip * (1 - hollow)
     fall = outer[1] + deep
@@ -240,7 +242,11 @@ def shirt(
     low = (front.under[0] + wide - quarter, -hem + tail)
     lines = [*front.lines(), Line("side", front.under), _tail(low, hem)]
     if over:
-        lines += [Line("hem_stand", (0.0, -hem)), Line("middle", (-over, -hem)), Line("neck_stand", (-over, -front_drop))]
+        lines += [
+            Line("hem_stand", (0.0, -hem)),
+            Line("middle", (-over, -hem)),
+            Line("neck_stand", (-over, -front_drop)),
+        ]
     else:
         lines.append(Line("middle", (0.0, -hem)))
     for side, sign in (("left", 1), ("right", -1)):
@@ -255,9 +261,7 @@ def shirt(
     wrist = f["wrist"] + 0.06
     sleeves = _sleeves(f, front, back, thick, arm - cuff, 1.2 * wrist if cuff else wrist, 0.0)
     every = [bodies["left", "front"], bodies["right", "front"], whole, *sleeves.values()]
-    seams = [
-        join(bodies[s, "front"], n, whole, f"{s[0]}_{n}") for s in ("left", "right") for n in ("shoulder", "side")
-    ]
+    seams = [join(bodies[s, "front"], n, whole, f"{s[0]}_{n}") for s in ("left", "right") for n in ("shoulder", "side")]
     seams += _sleeve_seams(sleeves, bodies)
     if not over:
         seams.append(join(bodies["left", "front"], "middle", bodies["right", "front"]))
@@ -286,7 +290,12 @@ def _cuffs(
     for (side, name), sleeve in sleeves.items():
         sign, face = (1 if side == "left" else -1), (FRONT if name == "front" else BACK)
         half = 0.5 * wrist
-        lines = [Line("over", (0, 0)), Line("end", (height, 0)), Line("under", (height, -half)), Line("top", (0, -half))]
+        lines = [
+            Line("over", (0, 0)),
+            Line("end", (height, 0)),
+            Line("under", (height, -half)),
+            Line("top", (0, -half)),
+        ]
         drawn = lines if sign > 0 else mirrored(lines)
         base = sleeve.panel.translation
         slack = 0.5 * (sleeve.length("cuff") - half)
@@ -303,9 +312,7 @@ def _cuffs(
     return list(made.values()), seams
 
 
-def _collar(
-    f: Figure, bodies: Mapping[tuple[str, str], Piece], height: float
-) -> tuple[list[Piece], list[Seam]]:
+def _collar(f: Figure, bodies: Mapping[tuple[str, str], Piece], height: float) -> tuple[list[Piece], list[Seam]]:
     """A stand collar in three parts: two in front, which curve up and are rounded at the throat, one at the back."""
     fronts = [bodies[s, "front"] for s in ("left", "right")]
     back, lean = bodies["left", "back"], 0.12 * height
@@ -359,7 +366,7 @@ def dress(
     f = figure(measures, heights)
     ease, waist_ease = number("ease", ease, 0.0, 0.6), number("waist_ease", waist_ease, 0.0, 0.4)
     long = number("length", f.waist - f.knee if length is None else length, 0.1, f.waist - 0.02)
-    circle, arm = number("circle", circle, 0.1, 1.0), number("sleeve", sleeve, 0.0, 1.1 * f["arm_length"])
+    circle, arm = number("circle", circle, 0.1, 0.6), number("sleeve", sleeve, 0.0, 1.1 * f["arm_length"])
     quarter, _, deep = _widths(f, ease, 0.0)
     waist = f.nape - f.waist
     thick = f["upper_arm"] + 0.05 if arm else 0.0
