@@ -14,9 +14,10 @@ from conftest import SHARED
 from test_patterns import SQUARE, rectangle
 from vitruvian.cli import app
 from vitruvian.cloth.garment import charted
+from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.pattern import Edge, Panel, Pattern, Seam, Span
 from vitruvian.cloth.placing import dummy, hung
-from vitruvian.cloth.tailor import cuts, tailor
+from vitruvian.cloth.tailor import tailor
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_svg import drawing
 from vitruvian.modeling.wearing import worn
@@ -83,7 +84,7 @@ def test_a_skirt_is_sewn_and_rests_on_the_hips(made):
     assert r["penetrating_vertices"] == 0 and r["self_intersections"] == 0 and r["boundary_loops"] == 2
     assert r["strain_p99"] < 0.05 and sum(r["layers"].values()) == len(made.vertices)
     assert 0.8 < made.vertices[:, 1].max() < 1.1 and made.vertices[:, 1].min() > 0.3
-    assert len(cuts(made.vertices, made.triangles, made.sheet.edges)) == 0
+    assert len(intersections(made.vertices, made.triangles)) == 0
 
 
 def test_it_is_the_same_a_second_time(body, made):

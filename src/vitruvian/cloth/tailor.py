@@ -17,13 +17,14 @@ from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.cloth.fabric import Fabric
 from vitruvian.cloth.fabric import fabric as fabric_named
 from vitruvian.cloth.garment import Garment, sewn
+from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
 from vitruvian.cloth.placing import ARMS, dummy, hung
 from vitruvian.cloth.sheet import Sheet, strains
 from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assemble, step
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
-from vitruvian.native import kernels
+from vitruvian.cloth.untangling import untangle
 
 SEWING = 1.0  # seconds in which seams close
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
@@ -76,8 +77,9 @@ def tailor(
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
     rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress)
     clock("drape")
-    vertices = rest.x.astype(np.float64)
     triangles = weld[mesh.triangles]
+    vertices = untangle(rest.x, triangles, obstacle=obstacle).positions
+    clock("untangle")
     report = {
         "faces": len(triangles),
         "seam_gap_max_mm": 1000 * float(apart.max(initial=0)),
@@ -101,23 +103,11 @@ def fitting(sheet: Sheet, vertices: Floats, obstacle: Obstacle) -> dict[str, Any
             "loose": int(((distance > TIGHT) & (distance <= LOOSE)).sum()),
             "floating": int((distance > LOOSE).sum()),
         },
-        "self_intersections": len(cuts(vertices, sheet.triangles, sheet.edges)),
+        "self_intersections": len(intersections(vertices, sheet.triangles, edges=sheet.edges)),
         "strain_p99": float(np.quantile(np.abs(strain), 0.99)),
         "strain_max": float(np.abs(strain).max(initial=0)),
         "boundary_loops": topology(sheet.triangles)[2],
     }
-
-
-def cuts(vertices: Floats, triangles: Ints, edges: Ints) -> Ints:
-    """(k,2) edges and triangles of a surface that cut each other."""
-    native = kernels()
-    x = np.zeros((len(vertices), 4), np.float32)
-    x[:, :3], own = vertices, np.arange(len(vertices), dtype=np.int32)
-    if native is None:
-        from vitruvian.cloth.touch_numpy import cloth_cuts
-
-        return cloth_cuts(x, triangles, edges, own)
-    return native.cloth_cuts(x, triangles, edges, own)
 
 
 class _Clock:
