@@ -18,21 +18,35 @@ if TYPE_CHECKING:
 WORST = 0.05  # strain of the 99th percentile above which a garment is called tight
 
 
-def pattern_of(source: Path) -> Pattern:
-    """The pattern of a file; VitruvianError where it holds something else."""
+def pattern_of(source: Path, body: Any = None) -> Pattern:
+    """The pattern of a file, or one of our own by its name, drafted for a body (None: the built-in person).
+
+    VitruvianError where the file holds something else, or there is neither.
+    """
+    from vitruvian.cloth.drafting import DRAFTS, drafted
     from vitruvian.cloth.pattern import Pattern
     from vitruvian.formats.registry import load
 
+    if not source.exists() and (source.name in DRAFTS or not source.suffix):
+        from vitruvian.modeling.measures import measures
+        from vitruvian.modeling.person import person
+
+        known = ("height", "neck", "chest", "underbust", "waist", "hips", "thigh", "calf", "upper_arm", "wrist",
+                 "inseam", "arm_length", "shoulder_width", "back_length")  # fmt: skip
+        values = measures(person(outfit=None, hair="none") if body is None else body).values
+        return drafted(str(source), {n: values[n] for n in known if n in values})
     found = load(source)
     if not isinstance(found, Pattern):
         raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
     return found
 
 
-@app.command(epilog="Example: vitruvian dress person tshirt.json --fabric jersey -o dressed.glb")
+@app.command(epilog="Example: vitruvian dress person tshirt --fabric jersey -o dressed.glb")
 def dress(
     source: str = typer.Argument(..., metavar="BODY", help="H-Anim, glTF, VRM or USD body, or the word person."),
-    garment: Path = typer.Argument(..., metavar="PATTERN", help="Sewing pattern: GarmentCode's JSON."),
+    garment: Path = typer.Argument(
+        ..., metavar="PATTERN", help="GarmentCode's JSON, or a draft: tshirt, ... (see pattern list)."
+    ),
     out: Path = Out,
     fabric: str = typer.Option(
         "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
@@ -55,8 +69,8 @@ def dress(
     from vitruvian.formats.registry import save
     from vitruvian.modeling.wearing import worn
 
-    pattern = pattern_of(garment)
     body = _bare(source, repair)
+    pattern = pattern_of(garment, body)
     start = time.perf_counter()
     with progress("dressing") as bar:
         made = tailor(

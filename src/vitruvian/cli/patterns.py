@@ -14,7 +14,16 @@ from vitruvian.errors import VitruvianError
 
 pattern = typer.Typer(help="Check and draw sewing patterns.", no_args_is_help=True)
 app.add_typer(pattern, name="pattern")
-Source = typer.Argument(..., metavar="PATTERN", help="Sewing pattern: GarmentCode's JSON.")
+Source = typer.Argument(..., metavar="PATTERN", help="GarmentCode's JSON, or the name of a draft (see list).")
+
+
+@pattern.command("list", epilog="Example: vitruvian pattern list")
+def drafts(as_json: bool = Json) -> None:
+    """Name the patterns that are drafted from a body's measures."""
+    from vitruvian.cloth.drafting import DRAFTS
+
+    rows = {name: (draft.__doc__ or "").strip().split("\n")[0] for name, draft in DRAFTS.items()}
+    emit(rows, "\n".join(f"{name:14}{text}" for name, text in rows.items()), as_json)
 
 
 @pattern.command(epilog="Example: vitruvian pattern check tshirt.json")
