@@ -432,6 +432,7 @@ def test_a_json_file_is_what_its_top_says(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
         assert registry.kind(tmp_path / name) == ".x3dj"
         assert registry.load(tmp_path / name).joint("l_elbow").name == "l_elbow"
+    wanted = r'expected \{"X3D": ...\} or \{"pattern": ...\} at the top of a .json file, found '
     for content, found in {
         '{"panels": {}}': "'panels'",
         "[1, 2]": "no object with keys",
@@ -439,7 +440,7 @@ def test_a_json_file_is_what_its_top_says(tmp_path: Path) -> None:
     }.items():
         (tmp_path / "p.json").write_text(content)
         for ask in (registry.load, registry.scene):
-            with pytest.raises(FileError, match=r'expected \{"X3D": ...\} at the top of a .json file, found ' + found):
+            with pytest.raises(FileError, match=wanted + found):
                 ask(tmp_path / "p.json")
     with pytest.raises(VitruvianError, match="no such file"):
         registry.load(tmp_path / "missing.json")
