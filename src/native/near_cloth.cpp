@@ -100,60 +100,120 @@ V nearest(V p, V a, V b, V c) {  // of a triangle (Ericson 2005, 5.1.5)
 
 }  // namespace
 
-void find_near(const Surface& s, float reach, float firm, const int32_t* before, const float* side, int64_t known, Near& out) {
+namespace {
+
+// What surrounds a triangle or an edge, and the fastest of its vertices beside the mean of all.
+struct Ball {
+    V center;
+    double radius;
+    float wider;  // metres that its box is widened by
+};
+
+V speed(const float* v, int32_t i) {
+    return {v[4 * int64_t(i)], v[4 * int64_t(i) + 1], v[4 * int64_t(i) + 2]};
+}
+
+V average(const Surface& s, const float* v) {
+    V sum{0, 0, 0};
+    for (int32_t i = 0; i < int32_t(s.vertices); ++i) sum = sum + speed(v, i);
+    return (1.0 / double(std::max<int64_t>(s.vertices, 1))) * sum;
+}
+
+}  // namespace
+
+void find_near(const Surface& s, const float* v, const Reach& reach, const int32_t* before, const float* side, int64_t known,
+               Near& out) {
     const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
-    const float cell = std::max(length_of(s), 2 * reach);
-    const double limit = double(reach) * reach;
+    const V mean = average(s, v);
+    const auto ball = [&](const int32_t* index, int corners) {
+        Ball b{{0, 0, 0}, 0, 0};
+        double fast = 0;
+        for (int k = 0; k < corners; ++k) b.center = b.center + (1.0 / corners) * at(s, index[k]);
+        for (int k = 0; k < corners; ++k) {
+            const V way = at(s, index[k]) - b.center, moving = speed(v, index[k]) - mean;
+            b.radius = std::max(b.radius, dot(way, way)), fast = std::max(fast, dot(moving, moving));
+        }
+        b.radius = std::sqrt(b.radius);
+        b.wider = float(0.5 * reach.still + std::min(reach.time * std::sqrt(fast), 0.5 * reach.moving));
+        return b;
+    };
+    // how far apart two of them may be that meet before the frame ends
+    const auto allowed = [&](const int32_t* a, int m, const int32_t* b, int n) {
+        double fast = 0;
+        for (int i = 0; i < m; ++i)
+            for (int j = 0; j < n; ++j) {
+                const V way = speed(v, a[i]) - speed(v, b[j]);
+                fast = std::max(fast, dot(way, way));
+            }
+        return reach.still + std::min(reach.time * std::sqrt(fast), double(reach.moving));
+    };
+    const float cell = std::max(length_of(s), reach.still);
     std::vector<Box> boxes(static_cast<size_t>(s.triangles));
-    for (int64_t t = 0; t < s.triangles; ++t) boxes[size_t(t)] = box_of(s.x, s.triangle + 3 * t, 3, reach, cell);
+    std::vector<Ball> balls(static_cast<size_t>(s.triangles));
+    for (int64_t t = 0; t < s.triangles; ++t) {
+        balls[size_t(t)] = ball(s.triangle + 3 * t, 3);
+        boxes[size_t(t)] = box_of(s.x, s.triangle + 3 * t, 3, balls[size_t(t)].wider, cell);
+    }
     std::vector<int32_t> found;
     std::vector<int32_t> seen(size_t(std::max(s.triangles, s.edges)), -1);
     {
         const Grid grid(boxes);
-        for (int32_t v = 0; v < int32_t(s.vertices); ++v) {
+        for (int32_t i = 0; i < int32_t(s.vertices); ++i) {
             found.clear();
-            grid.at(box_of(s.x, &v, 1, 0, cell), [&](int32_t t) {
-                if (seen[size_t(t)] == v) return;
-                seen[size_t(t)] = v;
-                found.push_back(t);
+            const V p = at(s, i);
+            const Ball own = ball(&i, 1);
+            grid.at(box_of(s.x, &i, 1, own.wider, cell), [&](int32_t t) {
+                if (seen[size_t(t)] == i) return;
+                seen[size_t(t)] = i;
+                const Ball& b = balls[size_t(t)];
+                const V way = p - b.center;
+                const double most = b.radius + b.wider + own.wider;
+                if (dot(way, way) <= most * most) found.push_back(t);
             });
             std::sort(found.begin(), found.end());
-            const V p = at(s, v);
             for (int32_t t : found) {
                 const int32_t* c = s.triangle + 3 * int64_t(t);
-                if (one(c[0], v) || one(c[1], v) || one(c[2], v)) continue;
+                if (one(c[0], i) || one(c[1], i) || one(c[2], i)) continue;
                 const V a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
-                if (dot(way, way) > limit) continue;
+                const double apart = dot(way, way), limit = allowed(&i, 1, c, 3);
+                if (apart > limit * limit) continue;
                 const V n = cross(b - a, d - a);
                 float which = dot(p - a, n) < 0 ? -1.0f : 1.0f;
                 int64_t low = 0, high = known;  // the same pair in the frame before
                 while (low < high) {
                     const int64_t middle = (low + high) / 2;
                     const int32_t* k = before + 2 * middle;
-                    if (k[0] < v || (k[0] == v && k[1] < t)) low = middle + 1;
+                    if (k[0] < i || (k[0] == i && k[1] < t)) low = middle + 1;
                     else high = middle;
                 }
-                if (low < known && before[2 * low] == v && before[2 * low + 1] == t) which = side[low];
-                out.corner.insert(out.corner.end(), {v, c[0], c[1], c[2]});
+                if (low < known && before[2 * low] == i && before[2 * low + 1] == t) which = side[low];
+                out.corner.insert(out.corner.end(), {i, c[0], c[1], c[2]});
                 out.side.push_back(which);
                 ++out.corners;
-                if (dot(way, way) > double(firm) * firm) continue;
-                out.key.insert(out.key.end(), {v, t});
+                if (apart > double(reach.firm) * reach.firm) continue;
+                out.key.insert(out.key.end(), {i, t});
                 out.key_side.push_back(which);
             }
         }
     }
-    boxes.resize(size_t(s.edges));
-    for (int64_t e = 0; e < s.edges; ++e) boxes[size_t(e)] = box_of(s.x, s.edge + 2 * e, 2, reach, cell);
+    boxes.resize(size_t(s.edges)), balls.resize(size_t(s.edges));
+    for (int64_t e = 0; e < s.edges; ++e) {
+        balls[size_t(e)] = ball(s.edge + 2 * e, 2);
+        boxes[size_t(e)] = box_of(s.x, s.edge + 2 * e, 2, balls[size_t(e)].wider, cell);
+    }
     const Grid grid(boxes);
     std::fill(seen.begin(), seen.end(), -1);
     for (int32_t e = 0; e < int32_t(s.edges); ++e) {
         const int32_t *p = s.edge + 2 * int64_t(e);
         found.clear();
-        grid.at(box_of(s.x, p, 2, 0, cell), [&](int32_t f) {
+        const Ball& own = balls[size_t(e)];
+        grid.at(boxes[size_t(e)], [&](int32_t f) {
             if (f <= e || seen[size_t(f)] == e) return;
             seen[size_t(f)] = e;
-            found.push_back(f);
+            const Ball& b = balls[size_t(f)];
+            const V way = own.center - b.center;
+            const double most = own.radius + own.wider + b.radius + b.wider;
+            if (dot(way, way) <= most * most) found.push_back(f);
         });
         std::sort(found.begin(), found.end());
         for (int32_t f : found) {
@@ -167,9 +227,8 @@ void find_near(const Surface& s, float reach, float firm, const int32_t* before,
             const double u = std::min(1.0, std::max(0.0, (ab * t + g) / ee));
             const double t2 = std::min(1.0, std::max(0.0, (ab * u - c) / aa));
             const V way = r + t2 * d1 - u * d2;
-            if (dot(way, way) > limit) continue;
-            out.cross.insert(out.cross.end(), {p[0], p[1], q[0], q[1]});
-            out.side.push_back(dot(r, cross(d1, d2)) < 0 ? -1.0f : 1.0f);
+            const double limit = allowed(p, 2, q, 2);
+            if (dot(way, way) <= limit * limit) out.cross.insert(out.cross.end(), {p[0], p[1], q[0], q[1]});
         }
     }
 }
