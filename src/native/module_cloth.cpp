@@ -68,14 +68,16 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
     check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
     check(same.shape(0) == x.shape(0), "surface does not fit");
     return {x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
-            int64_t(edge.shape(0)), same.data()};
+            int64_t(edge.shape(0)), nullptr, same.data()};
 }
 
 // Pairs (k,4), first those of vertices and triangles, of which there are c, with their sides (c,), then those of edges;
 // keys (r,2) and sides (r,) of those to be remembered. limits: the four of vt::Reach.
 nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
-                     Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side) {
-    const vt::Surface s = surface(x, triangle, edge, same);
+                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side) {
+    vt::Surface s = surface(x, triangle, edge, same);
+    check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
+    s.sides = sides.data();
     check(v.shape(0) == x.shape(0) && v.shape(1) == 4, "velocities do not fit");
     check(limits.shape(0) == 4 && before.shape(1) == 2 && side.shape(0) == before.shape(0), "what is known does not fit");
     const float* l = limits.data();

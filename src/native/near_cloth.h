@@ -12,19 +12,20 @@ struct Surface {
     int64_t triangles;
     const int32_t* edge;  // (e, 2)
     int64_t edges;
+    const int32_t* sides;  // (m, 3) which edges a triangle has, corner k to k + 1; of find_near only
     const int32_t* same;  // (n,) vertices with the same number are sewn to each other, or will be
 };
 
 struct Near {
     std::vector<int32_t> corner;  // (c, 4) vertex and triangle's vertices, sorted by vertex, then triangle
-    int64_t corners = 0;          // c
     std::vector<int32_t> key;     // (r, 2) vertex and triangle of those nearer than `firm`, whose sides are to be remembered
     std::vector<float> key_side;  // (r,)
     std::vector<float> side;      // (c,) on which side of the triangle the vertex is
     std::vector<int32_t> cross;   // (k, 4) ends of two edges, sorted
 };
 
-// How far apart things may be that are near: those at rest, and what is added for each m/s between them, up to a limit.
+// What is near: things that are, or come, within so many metres of each other when they move straight on for a time, or as
+// far as the limit.
 struct Reach {
     float still;   // metres
     float time;    // seconds

@@ -199,7 +199,7 @@ def _touching(
     n = len(state.x)
     sheet = cloth.sheet
     index, side, key, kept = near_cloth(
-        x[:n], v[:n], sheet.triangles, sheet.edges, cloth.same, limits, state.near, state.side
+        x[:n], v[:n], sheet.triangles, sheet.edges, sheet.sides, cloth.same, limits, state.near, state.side
     )
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = _friction(cloth, "friction_self")[index[:, 0]]

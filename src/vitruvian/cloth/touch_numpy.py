@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats, Ints
 
 Single = NDArray[np.float32]
+BENT = 0.5  # cosine of the angle between neighbours that may touch in the coming frame
 
 
 def shares(x: Floats, corner: Floats) -> Floats:
@@ -35,23 +36,36 @@ def shares(x: Floats, corner: Floats) -> Floats:
 
 
 def near_cloth(
-    x: Single, v: Single, triangles: Ints, edges: Ints, same: Ints, limits: Single, before: Ints, side: Single
+    x: Single, v: Single, triangles: Ints, edges: Ints, sides: Ints, same: Ints, limits: Single, before: Ints, side: Single,
 ) -> tuple[Ints, Single, Ints, Single]:
     """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h."""
     p, u = x[:, :3].astype(np.float64), v[:, :3].astype(np.float64)
     still, time, moving, firm = (float(value) for value in limits)
 
-    def allowed(one: Ints, other: Ints) -> Floats:  # (k,a) and (k,b) vertices: metres (k,)
-        way = u[one][:, :, None] - u[other][:, None]
-        fast = np.sqrt(np.sum(way * way, axis=-1)).max(axis=(1, 2), initial=0)
-        return still + np.minimum(time * fast, moving)
+    def meet(way: Floats, one: Ints, other: Ints) -> NDArray[np.bool_]:  # ways (k,3), (k,a) and (k,b) vertices: (k,)
+        rate = u[one][:, :, None] - u[other][:, None]
+        fast, closing = np.sum(rate * rate, axis=-1), -np.einsum("kx,kabx->kab", way, rate)
+        until = np.minimum(closing / np.maximum(fast, 1e-300), np.minimum(time, moving / np.sqrt(fast + 1e-300)))
+        then = way[:, None, None] + np.maximum(until, 0)[..., None] * rate
+        return (np.sum(then * then, axis=-1) <= still**2).any(axis=(1, 2))
 
     known = {(int(i), int(t)): float(s) for (i, t), s in zip(before, side)}
     index: list[list[int]] = []
-    sides: list[float] = []
+    which: list[float] = []
     keys: list[list[int]] = []
     kept: list[float] = []
     wide = still + moving
+    normal = np.cross(p[triangles[:, 1]] - p[triangles[:, 0]], p[triangles[:, 2]] - p[triangles[:, 0]])
+    normal /= np.sqrt(np.sum(normal**2, axis=1, keepdims=True) + 1e-60)
+    vertex_of, edge_of = (
+        np.array([np.flatnonzero((of == k).any(axis=1))[0] for k in range(n)])
+        for of, n in ((triangles, len(p)), (sides, len(edges)))
+    )
+
+    def flat(t: Ints, u: int) -> NDArray[np.bool_]:  # neighbours that are not bent do not touch
+        common = (same[triangles[t]][:, :, None] == same[triangles[u]][None, None]).any(axis=(1, 2))
+        return common & (normal[t] @ normal[u] >= BENT)
+
     for i in range(len(p)):
         away = ~(same[triangles] == same[i]).any(axis=1)
         low, high = p[triangles].min(axis=1), p[triangles].max(axis=1)
@@ -59,31 +73,31 @@ def near_cloth(
         corner = p[triangles[some]]
         share = shares(np.broadcast_to(p[i], (len(some), 3)), corner)
         way = p[i] - np.einsum("kc,kcx->kx", share, corner)
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        up = np.sum((p[i] - corner[:, 0]) * normal, axis=1)
-        limit = allowed(np.full((len(some), 1), i), triangles[some])
-        for k in np.flatnonzero(np.sum(way * way, axis=1) <= limit**2):
+        upright = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        up = np.sum((p[i] - corner[:, 0]) * upright, axis=1)
+        good = meet(way, np.full((len(some), 1), i), triangles[some]) & ~flat(some, vertex_of[i])
+        for k in np.flatnonzero(good):
             t = int(some[k])
             index.append([i, *triangles[t]])
-            sides.append(known.get((i, t), -1.0 if up[k] < 0 else 1.0))
+            which.append(known.get((i, t), -1.0 if up[k] < 0 else 1.0))
             if np.sum(way[k] ** 2) <= firm * firm:
                 keys.append([i, t])
-                kept.append(sides[-1])
+                kept.append(which[-1])
     a, b = p[edges[:, 0]], p[edges[:, 1]]
     low, high = np.minimum(a, b), np.maximum(a, b)
     for e in range(len(edges)):
         later = np.arange(e + 1, len(edges))
         box = ((low[later] - wide <= high[e]) & (high[later] + wide >= low[e])).all(axis=1)
         for f in later[box]:
-            if np.isin(same[edges[e]], same[edges[f]]).any():
+            if np.isin(same[edges[e]], same[edges[f]]).any() or flat(edge_of[None, f], edge_of[e])[0]:
                 continue
             share_, across = _closest_edges(p[[*edges[e], *edges[f]]])
-            limit_ = allowed(edges[None, e], edges[None, f])[0]
-            if across and np.sum((share_ @ p[[*edges[e], *edges[f]]]) ** 2) <= limit_**2:
+            way = share_ @ p[[*edges[e], *edges[f]]]
+            if across and meet(way[None], edges[None, e], edges[None, f])[0]:
                 index.append([*edges[e], *edges[f]])
     return (
         np.array(index, np.int32).reshape(-1, 4),
-        np.array(sides, np.float32),
+        np.array(which, np.float32),
         np.array(keys, np.int32).reshape(-1, 2),
         np.array(kept, np.float32),
     )
