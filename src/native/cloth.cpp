@@ -133,7 +133,7 @@ void sew(const ClothFrame& f, float share, float over) {
         const float way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
         const float apart = sqrtf(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
         const float both = a[3] + b[3] + r[2] * over, far = apart - (r[0] + share * (r[1] - r[0]));
-        if (!(both > 0) || apart < 1e-9f) continue;
+        if (!(both > 0) || far <= 0 || apart < 1e-9f) continue;  // thread pulls, it does not push
         for (int j = 0; j < 3; ++j) {
             const float move = far / (apart * both) * way[j];
             a[j] += a[3] * move, b[j] -= b[3] * move;

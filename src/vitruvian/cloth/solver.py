@@ -72,7 +72,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Vertices (p,2) drawn together: metres apart at a frame's begin and end, (p,) each; compliance m/N."""
+    """Vertices (p,2) drawn together: metres apart at most at a frame's begin and end, (p,) each; compliance m/N."""
 
     vertices: Ints
     start: Floats

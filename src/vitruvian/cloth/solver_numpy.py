@@ -56,8 +56,9 @@ def cloth_frame(
         for (a, b), (start, end, compliance) in zip(pair, pair_rest.astype(np.float64)):
             way_ = at[b] - at[a]
             apart, both = np.linalg.norm(way_), w[a] + w[b] + compliance / (h * h)
-            if both > 0 and apart >= 1e-9:
-                move = (apart - (start + high * (end - start))) / (apart * both) * way_
+            far = apart - (start + high * (end - start))
+            if both > 0 and far > 0 and apart >= 1e-9:
+                move = far / (apart * both) * way_
                 at[a] += w[a] * move
                 at[b] -= w[b] * move
         for k in range(len(near)):
