@@ -20,7 +20,7 @@ from vitruvian.cloth.garment import Garment, sewn
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
-from vitruvian.cloth.placing import ARMS, dummy, hung
+from vitruvian.cloth.placing import ARMS, dummy, hung, waist
 from vitruvian.cloth.sheet import Sheet, strains
 from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assemble, step
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
@@ -29,8 +29,7 @@ from vitruvian.cloth.untangling import untangle
 SEWING = 1.0  # seconds in which seams close
 PULL = 1.5  # m/s with which a thread draws together what is still apart
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
-WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
-HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
+HELD = 0.5  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
@@ -74,7 +73,7 @@ def tailor(
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
     sewing = assemble(sewn(mesh, None, smooth), gap=max(thick, 2e-3), same=weld)
-    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress, watch)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, waist(pattern, mesh), progress, watch)
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
@@ -131,21 +130,12 @@ def _fabric(name: str, usual: str | Fabric) -> Fabric:
     return usual if isinstance(usual, Fabric) else fabric_named(usual)
 
 
-def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
-    """Vertices of the edges that a garment without shoulders hangs by: they stay as high as the pattern puts them."""
-    labels = {e.label for p in pattern.panels for e in p.edges}
-    if any(label.endswith(SHOULDERS) for label in labels):
-        return np.zeros(0, np.int32)
-    named = [(k, i) for k, p in enumerate(pattern.panels) for i, e in enumerate(p.edges) if e.label == WAIST]
-    return np.unique(np.concatenate([np.zeros(0, np.int32), *(mesh.edges[key] for key in named)]))
-
-
 def _sewn(
     cloth: Cloth,
     mesh: PanelMesh,
     flat: Floats,
     obstacle: Obstacle,
-    waist: Ints,
+    held: Ints,
     progress: Progress | None,
     watch: Watch | None,
 ) -> tuple[State, Floats]:
@@ -159,9 +149,10 @@ def _sewn(
         low, high = (np.minimum(first, farthest * (1 - _smooth(min(1.0, (k + j) / frames)))) for j in (0, 1))
         # nor at once: threads that pull against each other would tear the cloth
         pairs = Pairs(mesh.pairs, np.maximum(low, apart), np.maximum(high, apart - PULL * FRAME))
-        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS  # what pulls against a seam opens it by a step's square
+        # what pulls against a seam opens it by a step's square
+        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS if k < 1.5 * frames else 8 * SUBSTEPS
         state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle, substeps=substeps)
-        state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
+        state.x[held, 1] += (HELD * (flat[held, 1] - state.x[held, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
