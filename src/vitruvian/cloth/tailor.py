@@ -26,6 +26,7 @@ from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assembl
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
 from vitruvian.cloth.untangling import untangle
 
+COARSE, FINE = 0.014, 2  # metres: finer cloth is sewn and draped at twice its size, then in so many times smaller steps
 SEWING = 1.0  # seconds in which seams close
 PULL = 1.5  # m/s with which a thread draws together what is still apart
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
@@ -63,29 +64,38 @@ def tailor(
     """
     clock = _Clock()
     mannequin = dummy(body, arms=arms)
-    mesh = tessellate(pattern, size)
-    clock("mesh")
     cloths = tuple(_fabric(p.fabric, fabric) for p in pattern.panels)
+    thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
+    mesh = tessellate(pattern, size if size > COARSE else 2 * size)
+    clock("mesh")
     obstacle = still(mannequin.vertices, mannequin.triangles)
     flat = hung(pattern, mesh, mannequin, obstacle.distances)
     clock("place")
-    thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
     sewing = assemble(sewn(mesh, None, smooth), gap=max(thick, 2e-3), same=weld)
     state, apart = _sewn(sewing, mesh, flat, obstacle, waist(pattern, mesh), progress, watch)
+    open_seams = sorted({int(s) for s in mesh.seam[apart > CLOSED]})
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
-    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress, watch)
+    rest, settled = _draped(cloth, cloth.state(positions), obstacle, SUBSTEPS, progress, watch)
     clock("drape")
+    if size <= COARSE:  # cloth comes to rest sooner in larger pieces
+        fine = tessellate(pattern, size)
+        positions = finer(mesh, rest.x.astype(np.float64)[weld], fine)
+        mesh, weld = fine, welded(fine)
+        cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
+        positions = _merged(positions, weld)
+        rest, settled = _draped(cloth, cloth.state(positions), obstacle, FINE * SUBSTEPS, progress, watch)
+        clock("refine")
     triangles = weld[mesh.triangles]
     vertices = untangle(rest.x, triangles, obstacle=obstacle).positions
     clock("untangle")
     report = {
         "faces": len(triangles),
         "seam_gap_max_mm": 1000 * float(apart.max(initial=0)),
-        "open_seams": sorted({int(s) for s in mesh.seam[apart > CLOSED]}),
+        "open_seams": open_seams,
         "settled": settled,
         "speed": rest.speed,
         **fitting(cloth.sheet, vertices, obstacle),
@@ -167,19 +177,37 @@ def _smooth(t: float) -> float:
     return t * t * (3 - 2 * t)
 
 
+def finer(mesh: PanelMesh, positions: Floats, fine: PanelMesh) -> Floats:
+    """(n,3) metres: where the vertices of another mesh of the same panels are, positions (m,3) of `mesh` given."""
+    import igl
+
+    out = np.empty((len(fine.material), 3))
+    for k in np.unique(fine.panel):
+        mine = fine.panel == k
+        own = mesh.triangles[mesh.panel[mesh.triangles[:, 0]] == k]
+        point, plane = (np.column_stack([m.material, np.zeros(len(m.material))]) for m in (fine, mesh))
+        face = igl.point_mesh_squared_distance(np.ascontiguousarray(point[mine]), plane, own.astype(np.int64))[1]
+        corner = own[np.asarray(face).reshape(-1)]
+        a, b, c = (mesh.material[corner[:, j]] for j in range(3))
+        u, v = np.linalg.solve(np.stack([b - a, c - a], axis=2), (fine.material[mine] - a)[..., None])[..., 0].T
+        share = np.stack([1 - u - v, u, v], axis=1)
+        out[mine] = np.einsum("nk,nkx->nx", share, positions[corner])
+    return out
+
+
 def _merged(positions: Floats, weld: Ints) -> Floats:
     count = np.bincount(weld)
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
 def _draped(
-    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None
+    cloth: Cloth, state: State, obstacle: Obstacle, substeps: int, progress: Progress | None, watch: Watch | None
 ) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
-        state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
+        state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle, substeps=substeps)
         speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)
