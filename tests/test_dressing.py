@@ -119,8 +119,10 @@ def test_a_garment_over_another_does_not_cut_it(body, made):
     over = tailor(skirt(waist=0.94, hem=1.5, long=0.5), body, size=0.025, over=(made,))
     r = over.report
     assert r["self_intersections"] == 0 and r["penetrating_vertices"] == 0 and r["boundary_loops"] == 2
-    both = np.concatenate([made.vertices, over.vertices])
-    faces = np.concatenate([made.triangles, over.triangles + len(made.vertices)])
+    (inner,) = over.below
+    both = np.concatenate([inner.vertices, over.vertices])
+    faces = np.concatenate([inner.triangles, over.triangles + len(inner.vertices)])
+    assert inner.report["self_intersections"] == inner.report["penetrating_vertices"] == 0
     assert len(intersections(both, faces)) == 0
     assert not len(intersections(over.vertices, over.triangles)) and r["settled"]
     with pytest.raises(VitruvianError, match="worn in another pose"):

@@ -22,7 +22,7 @@ class Garment:
 
     mesh: its flat panels; weld (n,): the garment's vertex of each of theirs; vertices (w,3) metres, humanoid space, where
     it hangs on the body posed by matrices (J,4,4); fabrics: one for each panel. report: how it was made and fits, see
-    `vitruvian.cloth.tailor.tailor`.
+    `vitruvian.cloth.tailor.tailor`; below: the garments that it is worn over, as they lie under it, innermost first.
     """
 
     pattern: Pattern
@@ -32,6 +32,7 @@ class Garment:
     fabrics: tuple[Fabric, ...]
     matrices: Floats
     report: Mapping[str, Any] = field(default_factory=dict)
+    below: tuple[Garment, ...] = ()
 
     @property
     def name(self) -> str:

@@ -56,8 +56,8 @@ def tailor(
 
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
-    fabric's thickness, 1 mm at least); over: garments that the body wears below this one, in the same pose, which stay as
-    they lie; progress(what, share) is called now and then, watch(positions (n,3), triangles (m,3)) after every frame.
+    fabric's thickness, 1 mm at least); over: garments that the body wears below this one, in the same pose, innermost
+    first: they give way to it, and lie as `below` of the result says; progress(what, share) is called now and then, watch(positions (n,3), triangles (m,3)) after every frame.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
@@ -78,25 +78,29 @@ def tailor(
     thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     mesh = tessellate(pattern, size if size > COARSE else 2 * size)
     clock("mesh")
-    room = _Room(still(mannequin.vertices, mannequin.triangles), tuple(over), progress, watch)
-    flat = hung(pattern, mesh, mannequin, room.distances)
+    room = _Room(still(mannequin.vertices, mannequin.triangles), progress, watch)
+    below = tuple(over)
+    flat = hung(pattern, mesh, mannequin, lambda x: _distances(x, room.obstacle, below))
     clock("place")
     smooth = tuple(replace(f, friction_body=0.0, friction_self=0.0) for f in cloths)  # silk: it finds its place
     weld = welded(mesh)
-    positions, apart = _sewn(room, sewn(mesh, None, smooth), mesh, weld, flat, max(thick, 2e-3), waist(pattern, mesh))
+    positions, below, apart = _sewn(
+        room, below, sewn(mesh, None, smooth), mesh, flat, max(thick, 2e-3), waist(pattern, mesh)
+    )
     open_seams = sorted({int(s) for s in mesh.seam[apart > CLOSED]})
     clock("sew")
     sheet = sewn(mesh, weld, cloths)
-    vertices, speed = _draped(room, sheet, _merged(positions, weld), thick, SUBSTEPS)
+    vertices, below, speed = _draped(room, below, sheet, _merged(positions, weld), thick, SUBSTEPS)
     clock("drape")
     if size <= COARSE:  # cloth comes to rest sooner in larger pieces
         fine = tessellate(pattern, size)
         positions = finer(mesh, vertices[weld], fine)
         mesh, weld = fine, welded(fine)
         sheet = sewn(mesh, weld, cloths)
-        vertices, speed = _draped(room, sheet, _merged(positions, weld), thick, FINE * SUBSTEPS)
+        vertices, below, speed = _draped(room, below, sheet, _merged(positions, weld), thick, FINE * SUBSTEPS)
         clock("refine")
-    vertices = _untangled(room, sheet, vertices)
+    whole, points = _with(sheet, vertices, below)
+    vertices, below = _apart(untangle(points, whole.triangles, obstacle=room.obstacle).positions, len(vertices), below)
     clock("untangle")
     report = {
         "faces": len(sheet.triangles),
@@ -104,10 +108,14 @@ def tailor(
         "open_seams": open_seams,
         "settled": speed < STILL,
         "speed": speed,
-        **fitting(sheet, vertices, room.obstacle, room.below),
+        **fitting(sheet, vertices, room.obstacle, below),
         "seconds": clock.parts,
     }
-    return Garment(pattern, mesh, weld, vertices, cloths, mannequin.matrices, report)
+    below = tuple(
+        replace(g, report=g.report | fitting(g.sheet, g.vertices, room.obstacle, below[:k]))
+        for k, g in enumerate(below)
+    )
+    return Garment(pattern, mesh, weld, vertices, cloths, mannequin.matrices, report, below)
 
 
 def fitting(sheet: Sheet, vertices: Floats, obstacle: Obstacle, below: Sequence[Garment] = ()) -> dict[str, Any]:
@@ -134,19 +142,19 @@ def fitting(sheet: Sheet, vertices: Floats, obstacle: Obstacle, below: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class _Room:
-    """Where a garment is made: the body, what it wears already, and who looks on."""
+    """Where a garment is made: the body, and who looks on."""
 
     obstacle: Obstacle
-    below: tuple[Garment, ...]
     progress: Progress | None
     watch: Watch | None
 
-    def distances(self, points: Floats) -> Floats:
-        """(n,) metres of points (n,3) from the body, negative inside, or from what it wears."""
-        out = self.obstacle.distances(points)
-        for garment in self.below:
-            out = np.minimum(out, still(garment.vertices, garment.triangles).nearest(points)[0])
-        return out
+
+def _distances(points: Floats, obstacle: Obstacle, below: Sequence[Garment]) -> Floats:
+    """(n,) metres of points (n,3) from the body, negative inside, or from what it wears."""
+    out = obstacle.distances(points)
+    for garment in below:
+        out = np.minimum(out, still(garment.vertices, garment.triangles).nearest(points)[0])
+    return out
 
 
 def _with(sheet: Sheet, vertices: Floats, below: Sequence[Garment]) -> tuple[Sheet, Floats]:
@@ -161,6 +169,13 @@ def _with(sheet: Sheet, vertices: Floats, below: Sequence[Garment]) -> tuple[She
         )
         vertices = np.concatenate([vertices, garment.vertices])
     return sheet, vertices
+
+
+def _apart(points: Floats, count: int, below: Sequence[Garment]) -> tuple[Floats, tuple[Garment, ...]]:
+    """The vertices of a garment, and the garments below it, out of those of all."""
+    ends = count + np.cumsum([0, *(len(g.vertices) for g in below)])
+    points = points.astype(np.float64)
+    return points[:count], tuple(replace(g, vertices=points[a:b]) for g, a, b in zip(below, ends, ends[1:]))
 
 
 class _Clock:
@@ -182,13 +197,14 @@ def _fabric(name: str, usual: str | Fabric) -> Fabric:
 
 
 def _sewn(
-    room: _Room, sheet: Sheet, mesh: PanelMesh, weld: Ints, flat: Floats, gap: float, held: Ints
-) -> tuple[Floats, Floats]:
-    """The panels drawn together along their seams, without gravity: (n,3) metres, and how far apart each pair is left."""
+    room: _Room, below: tuple[Garment, ...], sheet: Sheet, mesh: PanelMesh, flat: Floats, gap: float, held: Ints
+) -> tuple[Floats, tuple[Garment, ...], Floats]:
+    """The panels drawn together along their seams, without gravity: (n,3) metres, what is below them, and how far apart
+    each pair is left."""
     count = len(flat)
-    whole, points = _with(sheet, flat, room.below)
-    rest = np.arange(count, len(points), dtype=np.int32)
-    cloth = assemble(whole, pinned=rest, gap=gap, same=np.concatenate([weld, rest]))
+    whole, points = _with(sheet, flat, below)
+    same = np.concatenate([welded(mesh), np.arange(count, len(points))])
+    cloth = assemble(whole, gap=gap, same=same)
     a, b = mesh.pairs.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
     state, frames, farthest = cloth.state(points), round(SEWING / FRAME), first.max(initial=0)
@@ -213,7 +229,7 @@ def _sewn(
             room.watch(state.x[:count], mesh.triangles)
         if k >= frames and apart.max(initial=0) < CLOSED:
             break
-    return state.x[:count].astype(np.float64), apart
+    return *_apart(state.x, count, below), apart
 
 
 def _smooth(t: float) -> float:
@@ -243,11 +259,14 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
-def _draped(room: _Room, sheet: Sheet, positions: Floats, gap: float, substeps: int) -> tuple[Floats, float]:
-    """The garment under gravity until it rests: (n,3) metres, and how fast it still is, m/s in the mean of some frames."""
+def _draped(
+    room: _Room, below: tuple[Garment, ...], sheet: Sheet, positions: Floats, gap: float, substeps: int
+) -> tuple[Floats, tuple[Garment, ...], float]:
+    """The garment under gravity until it rests: (n,3) metres, what is below it, and how fast they still are, m/s in the mean
+    of some frames."""
     count, frames, speeds = len(positions), round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
-    whole, points = _with(sheet, positions, room.below)
-    cloth = assemble(whole, pinned=np.arange(count, len(points), dtype=np.int32), gap=gap)
+    whole, points = _with(sheet, positions, below)
+    cloth = assemble(whole, gap=gap)
     state = cloth.state(points)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
@@ -259,10 +278,4 @@ def _draped(room: _Room, sheet: Sheet, positions: Floats, gap: float, substeps: 
             room.watch(state.x[:count], sheet.triangles)
         if np.mean(speeds) < STILL:
             break
-    return state.x[:count].astype(np.float64), float(np.mean(speeds))
-
-
-def _untangled(room: _Room, sheet: Sheet, vertices: Floats) -> Floats:
-    whole, points = _with(sheet, vertices, room.below)
-    held = np.arange(len(vertices), len(points), dtype=np.int32)
-    return untangle(points, whole.triangles, held=held, obstacle=room.obstacle).positions[: len(vertices)]
+    return *_apart(state.x, count, below), float(np.mean(speeds))
