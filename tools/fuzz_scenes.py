@@ -148,9 +148,20 @@ PATTERN = """{"pattern": {"panels": {
 "properties": {"units_in_meter": 100, "curvature_coords": "relative"}}"""
 
 
+OWN_PATTERN = """{"vitruvian_pattern": 1, "name": "tube", "panels": [
+{"name": "front", "label": "body", "fabric": "", "order": 1, "grain": [0, 1], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+"translation": [0, 1, 0.2], "vertices": [[0, 0], [0.3, 0], [0.3, 0.4]],
+"edges": [{"ends": [0, 1], "kind": "line"}, {"ends": [1, 2], "kind": "arc", "points": [[0.32, 0.2]], "label": "armhole"},
+{"ends": [2, 0], "kind": "polyline", "points": [[0.2, 0.3], [0.1, 0.2]]}]},
+{"name": "back", "vertices": [[0, 0], [0.2, 0], [0.1, 0.2]], "edges": [{"ends": [0, 1]},
+{"ends": [1, 2], "kind": "quadratic", "points": [[0.1, 0.1]]}, {"ends": [2, 0]}]}],
+"seams": [{"a": [["front", 0, 0, 0.5]], "b": [["back", 1]], "reversed": true, "kind": "gather", "open": false}],
+"buttons": [{"a": ["front", [0.1, 0.1]], "b": ["back", [0.1, 0.1]]}], "measures": {"chest": 0.9}, "extra": {"a": [1]}}"""
+
+
 def _captures(known: set[str]) -> Iterator[Source]:
     """Files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim,
-    a pattern of GarmentCode."""
+    patterns of GarmentCode and our own, which a figure is not."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
     from capture_maker import ASF, LABELS, MARKS, SHANK, THIGH, c3d, cloud, model
 
@@ -162,6 +173,7 @@ def _captures(known: set[str]) -> Iterator[Source]:
         ".osim": model(THIGH, SHANK, markers=MARKS).encode(),
         ".mot": table.encode(),
         ".garmentcode.json": PATTERN.encode(),
+        ".pattern.json": OWN_PATTERN.encode(),
         ".sto": table.encode(),
     }
     for extension in sorted(known & set(made)):
