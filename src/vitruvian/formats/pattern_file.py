@@ -167,8 +167,8 @@ def pattern_from(document: Mapping[str, Any], source: str) -> Pattern:
     return Pattern(
         name,
         panels,
-        tuple(_seam(s, f"seam {i}", counts) for i, s in enumerate(seams)),
-        tuple(_button(b, f"button {i}", counts) for i, b in enumerate(buttons)),
+        tuple(seam_between(s, f"seam {i}", counts) for i, s in enumerate(seams)),
+        tuple(button_of(b, f"button {i}", counts) for i, b in enumerate(buttons)),
         {a_text(k, "measures", some=True): float(v) for k, v in measures.items()},
         dict(an_object(document.get("extra", {}), "extra")),
     )
@@ -183,24 +183,29 @@ def _panel(value: object, number: int) -> Panel:
     order = panel.get("order", 0)
     if not isinstance(order, int) or isinstance(order, bool) or abs(order) > 1000:
         raise wrong(f"{where} order", "an integer of -1000 to 1000", order)
-    rotation = panel.get("rotation")
-    if rotation is not None:
-        rows = a_list(rotation, f"{where} rotation", 3)
-        rotation = np.array([numbers(r, f"{where} rotation", 3, 10.0) for r in rows])
-        if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-4:
-            raise wrong(f"{where} rotation", "a rotation matrix", rotation.tolist())
-    move = panel.get("translation")
+    rotation, move = place_of(panel, where)
     return Panel(
         name,
         vertices,
         tuple(_edge(e, f"{where} edge {i}", len(vertices)) for i, e in enumerate(edges)),
         a_text(panel.get("label", ""), f"{where} label"),
         rotation,
-        None if move is None else numbers(move, f"{where} translation", 3, FARTHEST),
+        move,
         numbers(panel.get("grain", [0.0, 1.0]), f"{where} grain", 2, 1e6),
         a_text(panel.get("fabric", ""), f"{where} fabric"),
         order,
     )
+
+
+def place_of(value: Mapping[str, Any], where: str) -> tuple[Floats | None, Floats | None]:
+    """Rotation (3,3) and translation (3,) metres of an object that has them, None where not."""
+    rotation, move = value.get("rotation"), value.get("translation")
+    if rotation is not None:
+        rows = a_list(rotation, f"{where} rotation", 3)
+        rotation = np.array([numbers(r, f"{where} rotation", 3, 10.0) for r in rows])
+        if rotation.shape != (3, 3) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-4:
+            raise wrong(f"{where} rotation", "a rotation matrix", rotation.tolist())
+    return rotation, None if move is None else numbers(move, f"{where} translation", 3, FARTHEST)
 
 
 def _points(value: object, where: str, most: int = POINTS) -> Floats:
@@ -224,7 +229,7 @@ def _edge(value: object, where: str, count: int) -> Edge:
 
 
 def span(value: object, where: str, counts: Mapping[str, int]) -> Span:
-    """A span [panel, edge] or [panel, edge, from, to] of panels that have so many edges."""
+    """A span, [panel, edge] or [panel, edge, from, to], of panels that have so many edges."""
     row = a_list(value, where, 4)
     if len(row) not in (2, 4):
         raise wrong(where, "[panel, edge] or [panel, edge, from, to]", value)
@@ -235,17 +240,8 @@ def span(value: object, where: str, counts: Mapping[str, int]) -> Span:
     return Span(row[0], edge, low, high)
 
 
-def seam_of(value: object, where: str, a: tuple[Span, ...], b: tuple[Span, ...]) -> Seam:
-    """A seam of two sides with the other fields of an object: reversed, kind, open."""
-    seam = an_object(value, where)
-    kind = seam.get("kind", "plain")
-    if not isinstance(kind, str) or kind not in SEAMS:
-        raise wrong(f"{where} kind", f"one of {', '.join(SEAMS)}", kind)
-    turned = a_flag(seam.get("reversed", True), f"{where} reversed")
-    return Seam(a, b, turned, kind, a_flag(seam.get("open", False), f"{where} open"))
-
-
-def _seam(value: object, where: str, counts: Mapping[str, int]) -> Seam:
+def seam_between(value: object, where: str, counts: Mapping[str, int]) -> Seam:
+    """A seam of panels that have so many edges."""
     seam = an_object(value, where)
     sides = []
     for side in ("a", "b"):
@@ -253,10 +249,15 @@ def _seam(value: object, where: str, counts: Mapping[str, int]) -> Seam:
         if not rows:
             raise wrong(f"{where} side {side}", "at least one span", rows)
         sides.append(tuple(span(r, f"{where} side {side}", counts) for r in rows))
-    return seam_of(seam, where, sides[0], sides[1])
+    kind = seam.get("kind", "plain")
+    if not isinstance(kind, str) or kind not in SEAMS:
+        raise wrong(f"{where} kind", f"one of {', '.join(SEAMS)}", kind)
+    turned = a_flag(seam.get("reversed", True), f"{where} reversed")
+    return Seam(sides[0], sides[1], turned, kind, a_flag(seam.get("open", False), f"{where} open"))
 
 
-def _button(value: object, where: str, counts: Mapping[str, int]) -> Button:
+def button_of(value: object, where: str, counts: Mapping[str, int]) -> Button:
+    """A button of panels of these names."""
     button = an_object(value, where)
     sides = []
     for side in ("a", "b"):
