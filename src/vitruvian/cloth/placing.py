@@ -6,7 +6,7 @@ Source: note cloth.md, section 5; seed 003, section 5.1.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,16 +83,16 @@ def outward(panel: Panel) -> Floats:
 
 
 def hung(pattern: Pattern, material: Floats, panel: Ints, distance: Distance) -> Floats:
-    """(n,3) metres: where points `material` (n,2) of panels `panel` (n,) hang, each panel moved outwards until it is clear
-    of the body. Raises VitruvianError for a panel that would have to go too far."""
+    """(n,3) metres: where points `material` (n,2) of panels `panel` (n,) hang, each panel moved outwards, or rolled wider,
+    until it is clear of the body. Raises VitruvianError for a panel that would have to go too far."""
     out = np.empty((len(material), 3))
     for k, piece in enumerate(pattern.panels):
         mine = panel == k
         if piece.rotation is None or piece.translation is None:
             raise VitruvianError(f"panel {piece.name}: expected a place around the body, found none")
-        points, way, moved = placed(piece, material[mine]), outward(piece), 0.0
+        points, moved = placed(piece, material[mine]), 0.0
         while mine.any():
-            short = CLEARANCE - float(distance(points + moved * way).min())
+            short = CLEARANCE - float(distance(points).min())
             if short <= 0:
                 break
             moved += max(short, 0.005)
@@ -101,5 +101,13 @@ def hung(pattern: Pattern, material: Floats, panel: Ints, distance: Distance) ->
                     f"panel {piece.name}: it is still inside the body {FARTHEST:g} m away from its place; is the unit "
                     "right, and does it face outwards?"
                 )
-        out[mine] = points + moved * way
+            points = placed(_out(piece, moved), material[mine])
+        out[mine] = points
     return out
+
+
+def _out(panel: Panel, moved: float) -> Panel:
+    """A panel moved outwards by so many metres; one that is rolled keeps its axis and gets that much wider."""
+    assert panel.translation is not None
+    bend = panel.bend / (1 + moved * float(np.hypot(*panel.bend)))
+    return replace(panel, translation=panel.translation + moved * outward(panel), bend=bend)
