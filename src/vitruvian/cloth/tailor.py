@@ -27,6 +27,7 @@ from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
 from vitruvian.cloth.untangling import untangle
 
 SEWING = 1.0  # seconds in which seams close
+PULL = 1.5  # m/s with which a thread draws together what is still apart
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
 WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
 HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
@@ -34,6 +35,7 @@ TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what ha
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
 Progress = Callable[[str, float], None]
+Watch = Callable[[Floats, Ints], None]
 
 
 def tailor(
@@ -45,13 +47,14 @@ def tailor(
     arms: float = ARMS,
     gap: float | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Garment:
     """A pattern sewn and draped on a body.
 
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
     fabric's thickness, 1 mm at least);
-    progress(what, share) is called now and then.
+    progress(what, share) is called now and then, watch(positions (n,3), triangles (m,3)) after every frame.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
@@ -65,17 +68,17 @@ def tailor(
     clock("mesh")
     cloths = tuple(_fabric(p.fabric, fabric) for p in pattern.panels)
     obstacle = still(mannequin.vertices, mannequin.triangles)
-    flat = hung(pattern, mesh.material, mesh.panel, obstacle.distances)
+    flat = hung(pattern, mesh, mannequin, obstacle.distances)
     clock("place")
     thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
-    sewing = assemble(sewn(mesh, None, smooth))
-    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress)
+    sewing = assemble(sewn(mesh, None, smooth), gap=max(thick, 2e-3), same=weld)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress, watch)
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
-    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress)
+    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress, watch)
     clock("drape")
     triangles = weld[mesh.triangles]
     vertices = untangle(rest.x, triangles, obstacle=obstacle).positions
@@ -138,22 +141,32 @@ def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
 
 
 def _sewn(
-    cloth: Cloth, mesh: PanelMesh, flat: Floats, obstacle: Obstacle, waist: Ints, progress: Progress | None
+    cloth: Cloth,
+    mesh: PanelMesh,
+    flat: Floats,
+    obstacle: Obstacle,
+    waist: Ints,
+    progress: Progress | None,
+    watch: Watch | None,
 ) -> tuple[State, Floats]:
     """The panels drawn together along their seams, without gravity, and how far apart each pair is left, metres."""
     a, b = mesh.pairs.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
-    state, frames = cloth.state(flat), round(SEWING / FRAME)
+    state, frames, farthest = cloth.state(flat), round(SEWING / FRAME), first.max(initial=0)
     apart = first
     for k in range(2 * frames):
-        low, high = (first * (1 - _smooth(min(1.0, (k + j) / frames))) for j in (0, 1))
-        pairs = Pairs(mesh.pairs, low, high)
+        # what is far apart first, so that a skirt does not pull its bodice from the shoulders before they are closed
+        low, high = (np.minimum(first, farthest * (1 - _smooth(min(1.0, (k + j) / frames)))) for j in (0, 1))
+        # nor at once: threads that pull against each other would tear the cloth
+        pairs = Pairs(mesh.pairs, np.maximum(low, apart), np.maximum(high, apart - PULL * FRAME))
         substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS  # what pulls against a seam opens it by a step's square
         state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle, substeps=substeps)
         state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
+        if watch:
+            watch(state.x, mesh.triangles)
         if k >= frames and apart.max(initial=0) < CLOSED:
             break
     return state, apart
@@ -168,7 +181,9 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
-def _draped(cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None) -> tuple[State, bool]:
+def _draped(
+    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None
+) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     for k in range(frames):
@@ -177,6 +192,8 @@ def _draped(cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress |
         speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)
+        if watch:
+            watch(state.x, cloth.sheet.triangles)
         if np.mean(speeds) < STILL:
             return state, True
     return state, False
