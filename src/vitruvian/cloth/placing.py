@@ -5,13 +5,8 @@ Source: note cloth.md, section 5; seed 003, section 5.1.
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-=======
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
->>>>>>> main
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
