@@ -39,6 +39,7 @@ REGIONS = {
 }
 FACES = {FRONT: ("front", "f", "ftorso", "fr"), BACK: ("back", "b", "btorso", "bk")}
 SIDES = {LEFT: ("left", "l"), RIGHT: ("right", "r")}
+LABELS = {"torso": "body", "sleeve": "arm", "cuff": "arm", "leg": "leg", "skirt": "skirt", "band": "body"}
 MIRRORED = "mirrored"
 
 
@@ -98,7 +99,8 @@ def wrapped(pattern: Pattern, at: Stand) -> Pattern:
         p if p.rotation is not None and p.translation is not None else _stood(p, where[p.name], at, lifted)
         for p in pattern.panels
     ]
-    return replace(pattern, panels=tuple(_anchored(panels, where)))
+    labelled = [p if p.label else replace(p, label=LABELS.get(where[p.name].region, "")) for p in panels]
+    return replace(pattern, panels=tuple(_anchored(labelled, where)))
 
 
 def wearing(pattern: Pattern) -> dict[str, Worn]:
