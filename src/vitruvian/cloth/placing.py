@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import between, from_vector, multiply
@@ -98,9 +97,10 @@ def outward(panel: Panel) -> Floats:
 def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance) -> Floats:
     """(n,3) metres: where the vertices of the panels hang around the body before they are sewn.
 
-    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other panels
-    raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards, or rolled wider, until it
-    is clear of the body. Raises VitruvianError for a panel without a place or that would have to go too far.
+    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other
+    panels raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards, or rolled
+    wider, until it is clear of the body. Raises VitruvianError for a panel without a place or that would have to go too
+    far.
     """
     arm = np.array([_arm(p) for p in pattern.panels])
     moves: list[Move] = [_nowhere] * len(arm)
@@ -116,7 +116,9 @@ def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance
         mine = arm == sign
         own = (of == sign).all(axis=1)
         if own.any():
-            move = _sleeve(first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side)
+            move = _sleeve(
+                first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side
+            )
             moves = [move if m else old for m, old in zip(mine, moves)]
     return _cleared(pattern, mesh, distance, moves)
 
