@@ -20,6 +20,7 @@ NEAR = 0.15  # metres between edges that will be sewn, as their panels hang
 WIDEST, STRAIGHT = np.radians(60.0), 1.02  # that a dart opens, and how much longer than straight its legs are
 SHORTEST = 0.002  # metres: an edge that is worth a seam
 HANGS = ("leg", "skirt")  # labels of panels that have no shoulders
+WAIST = 0.3  # metres from the middle within which a waist is
 LONG = 0.1  # metres of a side that several are sewn to
 MOST = 12  # sides in a row that one side is sewn to
 CENTER = 0.35  # metres between the middle sides of two halves before they are sewn
@@ -158,8 +159,10 @@ def _judged(a: Side, b: Side, middle: set[Key], marks: Mapping[Key, int]) -> tup
 
 
 def _waist(side: Side) -> bool:
-    """The upper edge of what has no shoulders."""
-    return side.label in HANGS and side.normal is not None and bool(side.normal[1] > 0.7)
+    """The upper edge of what has no shoulders: not the side of a skirt that is cut as a ring."""
+    if side.label not in HANGS or side.normal is None or side.points is None:
+        return False
+    return bool(side.normal[1] > 0.7 and np.abs(side.points[:, 0]).max() < WAIST)
 
 
 def _alike(a: Side, b: Side) -> tuple[float, float, str]:

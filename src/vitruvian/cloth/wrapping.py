@@ -225,10 +225,10 @@ def _side(panel: Panel, worn: Worn, pattern: Pattern) -> int:
         if "notch" in at and "bnotch" in at:
             return RIGHT if at["notch"] > at["bnotch"] else LEFT
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
-    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
-        return 0
     if worn.region == "hood":
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
+    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
+        return 0
     # the middle of the body, seen as u: at a fork, where a top is highest, where a skirt's top edge is upright
     ring = _ring(panel)
     left, right = float(ring[:, 0].min()), float(ring[:, 0].max())
