@@ -81,14 +81,10 @@ def dress(
         "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-<<<<<<< HEAD
-    arms: float = typer.Option(30.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
     sidecar: Path | None = typer.Option(
         None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
     ),
-=======
-    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
->>>>>>> main
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
