@@ -57,7 +57,8 @@ def tailor(
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
     fabric's thickness, 1 mm at least); over: garments that the body wears below this one, in the same pose, innermost
-    first: they give way to it, and lie as `below` of the result says; progress(what, share) is called now and then, watch(positions (n,3), triangles (m,3)) after every frame.
+    first: they give way to it, and lie as `below` of the result says; progress(what, share) is called now and then,
+    watch(positions (n,3), triangles (m,3)) after every frame.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
@@ -262,8 +263,8 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
 def _draped(
     room: _Room, below: tuple[Garment, ...], sheet: Sheet, positions: Floats, gap: float, substeps: int
 ) -> tuple[Floats, tuple[Garment, ...], float]:
-    """The garment under gravity until it rests: (n,3) metres, what is below it, and how fast they still are, m/s in the mean
-    of some frames."""
+    """The garment under gravity until it rests: (n,3) metres, what is below it, and how fast they still are, m/s in the
+    mean of some frames."""
     count, frames, speeds = len(positions), round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     whole, points = _with(sheet, positions, below)
     cloth = assemble(whole, gap=gap)
