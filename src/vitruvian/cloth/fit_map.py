@@ -28,6 +28,7 @@ TOUCH = 0.004  # metres: cloth as near as that lies on the skin (the solver keep
 PRESSED = 2400.0  # Pa: as a light medical stocking presses, 18 mm of mercury; tighter than clothes are meant to be
 PULL = 30.0  # N/m: a fabric stretched so far that it pulls as much across any direction is tight ...
 STRETCHED = (0.05, 0.3)  # ... but no fabric before the first of these strains, and each beyond the second
+ROUNDS = 2  # in which strains are evened out
 SHARE = 0.005  # of the garment's area that a tight place has at least
 
 
@@ -86,15 +87,15 @@ class FitMap:
         return {
             "all": self._figures(everything),
             "panels": {n: self._figures(self.panel == k) for k, n in enumerate(self.panels)},
-            "regions": {
-                n: self._figures(owner == k) for k, n in enumerate(self.regions) if n and np.any(owner == k)
-            },
+            "regions": {n: self._figures(owner == k) for k, n in enumerate(self.regions) if n and np.any(owner == k)},
             "girths": {name: g.told() for name, g in self.girths.items()},
             "findings": [f.message for f in self.findings()],
         }
 
     def _figures(self, some: NDArray[np.bool_]) -> dict[str, Any]:
-        weight = np.bincount(self.triangles[some].ravel(), np.repeat(self.area[some] / 3, 3), len(self.ease))
+        weight = np.bincount(self.triangles[some].ravel(), np.repeat(self.area[some] / 3, 3), len(self.ease)).astype(
+            float
+        )
         mine = weight > 0
         at = lambda values, unit: _spread_of(unit * values[mine], weight[mine])  # noqa: E731
         on = lambda values: _spread_of(100 * values[some], self.area[some])  # noqa: E731
@@ -148,16 +149,16 @@ def fit_map(
     """How a garment fits the surface that it lies on.
 
     obstacle: the body as it stands, see `vitruvian.cloth.obstacle.still`; regions (V,): what part of the body each of its
-    vertices is; rings: tapes round it. `vitruvian.modeling.fitted_clothes.fit_of` has both for a humanoid.
+    vertices is; rings: tapes round it. `vitruvian.stage.fitting_room.fit_of` has both for a humanoid.
     """
     x, sheet = garment.vertices, garment.sheet
     names = np.full(len(obstacle.before), "body") if regions is None else np.asarray(regions)
     require(len(names) == len(obstacle.before), "regions", f"{len(obstacle.before)} names", len(names))
     place, number = np.unique(names, return_inverse=True)
     ease, corner, normal = _feet(obstacle, x)
-    weft, warp, stretch = principal(sheet, x)
-    pull = pulls(sheet, x)
-    force, tension = pull
+    f = evened(gradients(sheet, x), garment.mesh.triangles, sheet.areas)
+    weft, warp, stretch = principal(f)
+    force, tension = pulls(sheet, f, len(x))
     return FitMap(
         garment.triangles,
         ease,
@@ -182,9 +183,8 @@ def limit_of(fabric: Fabric) -> float:
     return float(np.clip(PULL / softer, *STRETCHED))
 
 
-def principal(sheet: Sheet, x: Floats) -> tuple[Floats, Floats, Floats]:
-    """Strains of each triangle: along weft (m,) and warp (m,), and the largest and smallest (m,2)."""
-    f = gradients(sheet, x)
+def principal(f: Floats) -> tuple[Floats, Floats, Floats]:
+    """Strains of deformations (m,3,2): along weft (m,) and warp (m,), and the largest and smallest (m,2)."""
     c = np.einsum("mki,mkj->mij", f, f)
     middle, half = 0.5 * (c[:, 0, 0] + c[:, 1, 1]), 0.5 * (c[:, 0, 0] - c[:, 1, 1])
     radius = np.hypot(half, c[:, 0, 1])
@@ -199,12 +199,36 @@ def gradients(sheet: Sheet, x: Floats) -> Floats:
     return np.swapaxes(now[:, 1:] - now[:, :1], 1, 2) @ np.linalg.inv(np.swapaxes(e, 1, 2))
 
 
-def pulls(sheet: Sheet, x: Floats) -> tuple[Floats, Floats]:
-    """(n,3) newtons with which the stretched cloth pulls each vertex, and (m,) N/m, the largest pull of each triangle.
+def evened(f: Floats, triangles: Ints, area: Floats, rounds: int = ROUNDS) -> Floats:
+    """(m,3,2) deformations as they are, with stretches that are the mean of those near by in the same panel.
+
+    triangles (m,3) of the panels, not welded. Where cloth pulls against a body, the solver works off one constraint after
+    the other and leaves those that come last less stretched than their neighbours; over some triangles it evens out."""
+    c = np.einsum("mki,mkj->mij", f, f)
+    u = stretch_of(c)
+    way = f @ np.linalg.inv(u)
+    corners, count = triangles.ravel(), int(triangles.max(initial=-1)) + 1
+    total = np.bincount(corners, np.repeat(area, 3), count)
+    for _ in range(rounds):
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            at = np.bincount(corners, np.repeat(area * u[:, i, j], 3), count) / np.maximum(total, 1e-30)
+            u[:, i, j] = u[:, j, i] = at[triangles].mean(axis=1)
+    return way @ u
+
+
+def stretch_of(c: Floats) -> Floats:
+    """(m,2,2) symmetric roots of (m,2,2) symmetric, positive."""
+    root = np.sqrt(np.maximum(np.linalg.det(c), 1e-24))
+    out = c + root[:, None, None] * np.eye(2)
+    return out / np.sqrt(np.einsum("mii->m", c) + 2 * root)[:, None, None]
+
+
+def pulls(sheet: Sheet, f: Floats, count: int) -> tuple[Floats, Floats]:
+    """(n,3) newtons with which the stretched cloth pulls each of `count` vertices, and (m,) N/m, the largest pull of each
+    triangle, from its deformation (m,3,2).
 
     The fabric's law is the solver's: strains along weft and warp and their shear times moduli. Where that would push, the
     cloth wrinkles instead: only the pulling part of the stress is kept (tension field)."""
-    f = gradients(sheet, x)
     size = np.linalg.norm(f, axis=1)
     u, v = f[:, :, 0] / size[:, :1], f[:, :, 1] / size[:, 1:]
     table = np.array([[g.stretch_u, g.stretch_v, g.poisson, g.shear] for g in sheet.fabrics])[sheet.fabric]
@@ -225,11 +249,11 @@ def pulls(sheet: Sheet, x: Floats) -> tuple[Floats, Floats]:
     e = sheet.material[:, 1:] - sheet.material[:, :1]
     shape = np.linalg.inv(np.swapaxes(e, 1, 2))  # rows: gradients of the second and third corner's share
     corner = -sheet.areas[:, None, None] * (p @ np.swapaxes(shape, 1, 2))
-    out = np.zeros((len(x), 3))
+    out = np.zeros((count, 3))
     for k in range(3):
         mine = -corner.sum(axis=2) if k == 0 else corner[:, :, k - 1]
         for axis in range(3):
-            out[:, axis] += np.bincount(sheet.triangles[:, k], mine[:, axis], len(x))
+            out[:, axis] += np.bincount(sheet.triangles[:, k], mine[:, axis], count)
     return out, first
 
 
@@ -271,7 +295,7 @@ def _areas(x: Floats, triangles: Ints) -> Floats:
 
 def _mode(corners: Ints) -> Ints:
     """(m,) of three numbers the one that is there twice, or the first."""
-    return np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
+    return np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0]).astype(np.int32)
 
 
 def _spread_of(values: Floats, weight: Floats) -> dict[str, float]:

@@ -12,6 +12,7 @@ from vitruvian.cloth.sheet import Sheet
 
 ROUND = 0.9  # of a turn that a line makes about the body to count as going round it
 ASIDE = 0.4  # of its own radius that its middle may be off the tape's: a skirt goes round both legs, not round one
+DROPS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05)  # metres that a tape may lie lower on the garment than on the body
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,20 +65,23 @@ class Girth:
 
 
 def girths(sheet: Sheet, x: Floats, rings: Mapping[str, Ring]) -> dict[str, Girth]:
-    """Ring's name -> girths there, of the rings that the garment, vertices (n,3), goes round. Of several lines the innermost
-    counts."""
+    """Ring's name -> girths there, of the rings that the garment, vertices (n,3), goes round. Of several lines the
+    innermost counts. Where sleeves join it at that height, the tape goes lower, down to 50 mm."""
     out = {}
     for name, ring in rings.items():
-        lines = _lines(sheet, x, ring)
-        if lines:
-            worn, cloth = min(lines)
-            out[name] = Girth(ring.girth, worn, cloth)
+        down = ring.axis * (-1.0 if ring.axis[1] > 0 else 1.0)
+        for drop in DROPS:
+            lines = _lines(sheet, x, Ring(ring.points + drop * down))
+            if lines:
+                worn, cloth = min(lines)
+                out[name] = Girth(ring.girth, worn, cloth)
+                break
     return out
 
 
 def _lines(sheet: Sheet, x: Floats, ring: Ring) -> list[tuple[float, float]]:
-    """Lengths of the lines in which the plane of a ring cuts a garment and that go round the ring's middle: as it hangs, and
-    in the cloth."""
+    """Lengths of the lines in which the plane of a ring cuts a garment and that go round the ring's middle: as it hangs,
+    and in the cloth."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import from_matrix
-from vitruvian.body.types import Body, Floats, Ints, require
+from vitruvian.body.types import Body, Floats, Ints, floats, require
 from vitruvian.cloth.binding import Binding, bind
-from vitruvian.cloth.fit_map import gradients
+from vitruvian.cloth.fit_map import gradients, stretch_of
 from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.placing import Dummy, posed
@@ -31,7 +31,7 @@ SECONDS = 3.0  # of draping anew at most
 
 def refitted(
     garment: Garment,
-    before: Body,
+    before: Body | Floats,
     after: Body,
     *,
     policy: str = "keep_pattern",
@@ -39,20 +39,22 @@ def refitted(
 ) -> Garment:
     """The garment on a body of another shape, which stands as the one that it was sewn on.
 
-    before and after: the same body with different measures, that is with the same joints and the same triangles. policy:
+    before and after: the same body with different measures, that is with the same joints and the same triangles; of the one
+    before, its skin (V,3) as it stood in the garment will do. policy:
     "keep_pattern": the cloth stays as it was cut and drapes anew, for up to `seconds` (None: 3), so that it pulls where
     the body has become larger; "grade": it is cut larger or smaller by as much as the skin below it has changed, so that
     what is between cloth and skin stays the same, and is not draped unless `seconds` says so. On an unchanged body it is
     the same garment, bit for bit. Raises VitruvianError for another body.
     """
     require(policy in POLICIES, "policy", " or ".join(POLICIES), repr(policy))
-    one, other = standing(garment, before), standing(garment, after)
-    changed = moved(garment, one.vertices, other.vertices, one.triangles)
+    skin = standing(garment, before).vertices if isinstance(before, Body) else floats(before, "skin", None, 3)
+    other = standing(garment, after)
+    changed = moved(garment, skin, other.vertices, other.triangles)
     made = replace(changed, matrices=other.matrices)
     if policy == "grade":
         made = graded(made, garment)
     long = (SECONDS if policy == "keep_pattern" else 0.0) if seconds is None else seconds
-    if np.array_equal(one.vertices, other.vertices):
+    if np.array_equal(skin, other.vertices):
         return replace(made, report=garment.report)
     return settled(made, still(other.vertices, other.triangles), long)
 
@@ -116,17 +118,9 @@ def graded(made: Garment, before: Garment) -> Garment:
     sheet = before.sheet
     if np.array_equal(made.vertices, before.vertices):
         return made
-    u, v = (_stretch(gradients(sheet, g.vertices)) for g in (before, made))
+    u, v = (stretch_of(np.einsum("mki,mkj->mij", f, f)) for f in (gradients(sheet, g.vertices) for g in (before, made)))
     way = np.linalg.inv(u) @ v
     return replace(made, graded=sheet.material @ np.swapaxes(way, 1, 2))
-
-
-def _stretch(f: Floats) -> Floats:
-    """(m,2,2) symmetric: the stretch in deformations (m,3,2), the root of F^T F."""
-    c = np.einsum("mki,mkj->mij", f, f)
-    area = np.sqrt(np.maximum(np.linalg.det(c), 1e-24))
-    out = c + area[:, None, None] * np.eye(2)
-    return out / np.sqrt(np.einsum("mii->m", c) + 2 * area)[:, None, None]
 
 
 def settled(garment: Garment, obstacle: Obstacle, seconds: float) -> Garment:
