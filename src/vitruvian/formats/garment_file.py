@@ -7,7 +7,8 @@ An npz of plain arrays, never pickled. `head` is the bytes of a JSON text:
 
 and the arrays are those of `PanelMesh` (material, grain, triangles, panel, pairs, seam; `edges`: the vertices along each
 edge, one after the other) and `Garment` (weld, vertices, matrices, graded if it is), with `skin` (V,3) metres and
-`skin_triangles` (t,3) of the whole body as it stood. The binding of cloth to skin follows from them, see `vitruvian.cloth.binding`.
+`skin_triangles` (t,3) of the whole body as it stood. The binding of cloth to skin follows from them, see
+`vitruvian.cloth.binding`.
 Source: note cloth.md, section 10.
 """
 

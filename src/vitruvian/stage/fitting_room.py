@@ -14,7 +14,7 @@ from vitruvian.cloth.fit_map import FitMap, fit_map
 from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.girths import Ring
 from vitruvian.cloth.obstacle import pseudo_normals, still
-from vitruvian.cloth.resizing import standing
+from vitruvian.cloth.resizing import firmed, standing
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.modeling.features import feature_points
 from vitruvian.modeling.figures import humanoid_figure
@@ -29,13 +29,14 @@ FACING = 0.6  # of a normal along Z: front or back
 
 
 def fit_of(garment: Garment, humanoid: Humanoid) -> FitMap:
-    """The fit of a garment on the humanoid that it was draped on, at rest; see `vitruvian.cloth.fit_map`. Girths that the
-    humanoid lacks the feature points for are left out."""
+    """The fit of a garment on the humanoid that it was draped on, at rest; see `vitruvian.cloth.fit_map`. It is pulled firm
+    first, see `vitruvian.cloth.resizing.firmed`. Girths that the humanoid lacks the feature points for are left out."""
     body = pack(humanoid)
     there = standing(garment, body)
+    obstacle = still(there.vertices, there.triangles)
     return fit_map(
-        garment,
-        still(there.vertices, there.triangles),
+        firmed(garment, obstacle),
+        obstacle,
         regions=regions(humanoid, body),
         rings=rings(humanoid, body, garment.matrices),
     )
