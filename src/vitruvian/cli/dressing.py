@@ -19,41 +19,73 @@ if TYPE_CHECKING:
 WORST = 0.05  # strain of the 99th percentile above which a garment is called tight
 
 
-def pattern_of(source: Path, body: Any = None) -> Pattern:
-    """The pattern of a file, or one of our own by its name, drafted for a body (None: the built-in person).
+MEASURES = ("height", "neck", "chest", "underbust", "waist", "hips", "thigh", "calf", "upper_arm", "wrist", "inseam",
+            "arm_length", "shoulder_width", "back_length")  # fmt: skip
+
+
+def pattern_of(source: Path, body: Any = None, **options: Any) -> Pattern:
+    """The pattern of a file, or one of our own by its name, drafted for a body (None: the built-in person). Options go to
+    the reader: sidecar, unit, outlines.
 
     VitruvianError where the file holds something else, or there is neither.
     """
     from vitruvian.cloth.drafting import DRAFTS, drafted
     from vitruvian.cloth.pattern import Pattern
-    from vitruvian.formats.registry import load
+    from vitruvian.formats.registry import kind, load
 
     if not source.exists() and (source.name in DRAFTS or not source.suffix):
-        from vitruvian.modeling.measures import measures
-        from vitruvian.modeling.person import person
-
-        known = ("height", "neck", "chest", "underbust", "waist", "hips", "thigh", "calf", "upper_arm", "wrist",
-                 "inseam", "arm_length", "shoulder_width", "back_length")  # fmt: skip
-        values = measures(person(outfit=None, hair="none") if body is None else body).values
-        return drafted(str(source), {n: values[n] for n in known if n in values})
-    found = load(source)
+        return drafted(str(source), _measures(body))
+    given = {k: v for k, v in options.items() if v is not None}
+    known = {".svg": ("sidecar", "outlines"), ".dxf": ("sidecar", "unit"), ".freesewing.json": ("sidecar",)}
+    form = kind(source)
+    strange = next((k for k in given if k not in known.get(form, ())), None)
+    if strange is not None:
+        raise VitruvianError(f"{source}: --{strange} says nothing about such a file")
+    found = load(source, **given)
     if not isinstance(found, Pattern):
         raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
     return found
+
+
+def _measures(body: Any) -> dict[str, float]:
+    """The measures that drafts know of a body, or of the built-in person."""
+    from vitruvian.modeling.measures import measures
+    from vitruvian.modeling.person import person
+
+    values = measures(person(outfit=None, hair="none") if body is None else body).values
+    return {n: values[n] for n in MEASURES if n in values}
+
+
+def placed_on(pattern: Pattern, body: Any, *, arms: float | None = None) -> Pattern:
+    """The pattern with places around a body (None: the built-in person) for panels that have none."""
+    if all(p.rotation is not None and p.translation is not None for p in pattern.panels):
+        return pattern
+    from vitruvian.body.pack import pack
+    from vitruvian.cloth.drafting.figure import figure
+    from vitruvian.cloth.placing import ARMS, dummy
+    from vitruvian.cloth.wrapping import stand, wrapped
+    from vitruvian.modeling.person import person
+
+    body = person(outfit=None) if body is None else body
+    stands = stand(figure(_measures(body)), dummy(pack(body), arms=ARMS if arms is None else arms))
+    return wrapped(pattern, stands)
 
 
 @app.command(epilog="Example: vitruvian dress person tshirt --fabric jersey -o dressed.glb")
 def dress(
     source: str = typer.Argument(..., metavar="BODY", help="H-Anim, glTF, VRM or USD body, or the word person."),
     garment: Path = typer.Argument(
-        ..., metavar="PATTERN", help="GarmentCode's JSON, or a draft: tshirt, ... (see pattern list)."
+        ..., metavar="PATTERN", help="A pattern's file (.json, .svg, .dxf), or a draft: tshirt, ... (see pattern list)."
     ),
     out: Path = Out,
     fabric: str = typer.Option(
         "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-    arms: float = typer.Option(30.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    sidecar: Path | None = typer.Option(
+        None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
+    ),
     fit_map: Path | None = FitOption,
     repair: bool = Repair,
     as_json: bool = Json,
@@ -71,7 +103,14 @@ def dress(
     from vitruvian.cloth.tailor import tailor
 
     body = _bare(source, repair)
-    pattern = pattern_of(garment, body)
+    pattern = pattern_of(garment, body, sidecar=sidecar)
+    if not pattern.seams and len(pattern.panels) > 1:
+        name = garment.name.split(".")[0]
+        raise VitruvianError(
+            f"{garment}: says no seams; propose some, `vitruvian pattern sew {garment} -o {name}.pattern.json`, and "
+            f"dress in that, or say them in {name}.sewing.json"
+        )
+    pattern = placed_on(pattern, body, arms=radians(arms))
     start = time.perf_counter()
     with progress("dressing") as bar:
         made = tailor(

@@ -48,8 +48,8 @@ class Panel:
     vertices (n,2) metres; edges chain vertex to vertex into closed loops, the outline first, then holes. grain (2,) is
     the direction of the warp. rotation (3,3) and translation (3,) place it around the body, H-Anim frame; None where a
     pattern does not say. bend (2,) rolls it around the body there: the direction in its plane in which it curves inwards,
-    as long as 1 / radius, 1/m; (0, 0) is flat. label is the part of the body it belongs to ("body", "arm", "leg", ""); fabric a name, or ""
-    for the garment's; order counts layers outwards.
+    as long as 1 / radius, 1/m; (0, 0) is flat. label is the part of the body it belongs to ("body", "arm", "leg", "");
+    fabric a name, or "" for the garment's; order counts layers outwards.
     """
 
     name: str

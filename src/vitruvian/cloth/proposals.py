@@ -19,6 +19,8 @@ EXACT, SHARE = 0.003, 0.012  # metres and share of the length by which edges tha
 NEAR = 0.15  # metres between edges that will be sewn, as their panels hang
 WIDEST, STRAIGHT = np.radians(60.0), 1.02  # that a dart opens, and how much longer than straight its legs are
 SHORTEST = 0.002  # metres: an edge that is worth a seam
+HANGS = ("leg", "skirt")  # labels of panels that have no shoulders
+WAIST = 0.3  # metres from the middle within which a waist is
 LONG = 0.1  # metres of a side that several are sewn to
 MOST = 12  # sides in a row that one side is sewn to
 CENTER = 0.35  # metres between the middle sides of two halves before they are sewn
@@ -37,18 +39,22 @@ class Proposal:
 def proposals(pattern: Pattern, *, notches: Mapping[Key, int] | None = None, least: float = 0.6) -> list[Proposal]:
     """Seams between edges that none joins yet, the most likely first; no edge is in two of them.
 
-    Edges that go on smoothly count as one where more is found in that way. notches: (panel, edge) -> how many marks it carries; edges that differ in that
-    are not paired, nor are sides between notches of different kinds in `extra["notches"]`. least: score below which nothing
-    is proposed. Darts are found by their shape; the halves of a piece are joined in the middle; a side that is as long as
-    several in a row, joined by what is found before, is sewn to those (a waistband to waists, a sleeve's cap to armholes).
-    Where panels have places, edges that hang near to each other count for more, and hems and cuffs are left open.
+    Edges that go on smoothly count as one where more is found in that way. notches: (panel, edge) -> how many marks it
+    carries; edges that differ in that are not paired, nor are sides between notches of different kinds in
+    `extra["notches"]`. least: score below which nothing is proposed. Darts are found by their shape; the halves of a piece
+    are joined in the middle; a side that is as long as several in a row, joined by what is found before, is sewn to those
+    (a waistband to waists, a sleeve's cap to armholes). Where panels have places, edges that hang near to each other count
+    for more, and hems and cuffs are left open.
     """
     taken = {(s.panel, s.edge) for seam in pattern.seams for s in (*seam.a, *seam.b)}
     darts = _darts(pattern, taken)
     taken |= {(s.panel, s.edge) for p in darts for s in (*p.seam.a, *p.seam.b)}
     best: list[Proposal] = []
-    for joined in (False, True):  # edge by edge, or those that go on smoothly as one: what leaves less unsewn
-        found = _paired(pattern, sides_of(pattern, taken, joined=joined), darts, notches or {}, least)
+    smooth = sides_of(pattern, taken)
+    middle = _middles(smooth)
+    # edge by edge, or those that go on smoothly as one: what leaves less unsewn
+    for every in (sides_of(pattern, taken, joined=False), smooth):
+        found = _paired(pattern, every, middle, darts, notches or {}, least)
         if _worth(pattern, found) > 1.02 * _worth(pattern, best):
             best = found
     return sorted(darts + best, key=lambda p: -p.score)
@@ -61,10 +67,15 @@ def _worth(pattern: Pattern, found: list[Proposal]) -> float:
 
 
 def _paired(
-    pattern: Pattern, every: list[Side], darts: list[Proposal], marks: Mapping[Key, int], least: float
+    pattern: Pattern,
+    every: list[Side],
+    middle: set[Key],
+    darts: list[Proposal],
+    marks: Mapping[Key, int],
+    least: float,
 ) -> list[Proposal]:
-    sides = [s for s in every if s.length >= SHORTEST and not _free(s)]
-    middle = _middles(sides)
+    hangs = any(s.label in HANGS for s in every)
+    sides = [s for s in every if s.length >= SHORTEST and not _free(s, hangs)]
     found = []
     for i, a in enumerate(sides):
         for b in sides[:i]:
@@ -89,11 +100,11 @@ def _paired(
     return out + _rows(pattern, rest, [p.seam for p in darts + out], least)
 
 
-def _free(side: Side) -> bool:
-    """A hem, a cuff or the edge that the garment hangs by."""
+def _free(side: Side, hangs: bool) -> bool:
+    """A hem, a cuff or the edge that the garment hangs by. hangs: legs or a skirt hang on something."""
     if side.edge_label == "lower_interface":
         return True
-    if side.normal is None or side.points is None:
+    if side.normal is None or side.points is None or (hangs and side.label == "body"):
         return False
     aside = float(np.sign(side.points[4, 0]) * side.normal[0])
     return bool(side.normal[1] < -0.45 and aside > -0.45 and side.label != "") and side.length > 0.05
@@ -109,9 +120,9 @@ def _twins(a: Side, b: Side) -> bool:
 
 
 def _middles(sides: list[Side]) -> set[Key]:
-    """Of each half of a piece that has its twin the side that is in the middle of the body: of those that look there the one
-    that is nearest to it; of legs and skirts the uppermost, as inseams and vents look there too."""
-    best: dict[str, tuple[float, Key]] = {}
+    """Of each half of a piece that has its twin the edges that are in the middle of the body: of the sides that look there
+    the one that is nearest to it; of legs and skirts the uppermost, as inseams and vents look there too."""
+    best: dict[str, tuple[float, Side]] = {}
     pieces = [_piece(n) for n in {s.panel for s in sides}]
     for s in sides:
         if s.points is None or s.normal is None or not s.flat or pieces.count(_piece(s.panel)) != 2:
@@ -119,10 +130,10 @@ def _middles(sides: list[Side]) -> set[Key]:
         x = float(np.mean([r.points[:, 0].mean() for r in sides if r.panel == s.panel and r.points is not None]))
         near = float(np.abs(s.points[:, 0]).min()) < 0.06
         if near and s.normal[0] * np.sign(x) < -0.5 and s.length > 0.05:
-            fit = float(s.points[:, 1].max()) if s.label in ("leg", "skirt") else -float(np.abs(s.points[:, 0]).mean())
+            fit = float(s.points[:, 1].max()) if s.label in HANGS else -float(np.abs(s.points[:, 0]).mean())
             if s.panel not in best or fit > best[s.panel][0]:
-                best[s.panel] = (fit, s.key)
-    return {key for _, key in best.values()}
+                best[s.panel] = (fit, s)
+    return {(s.panel, e) for _, s in best.values() for e in s.edges}
 
 
 def _judged(a: Side, b: Side, middle: set[Key], marks: Mapping[Key, int]) -> tuple[float, str]:
@@ -148,8 +159,10 @@ def _judged(a: Side, b: Side, middle: set[Key], marks: Mapping[Key, int]) -> tup
 
 
 def _waist(side: Side) -> bool:
-    """The upper edge of what has no shoulders."""
-    return side.label in ("leg", "skirt") and side.normal is not None and bool(side.normal[1] > 0.7)
+    """The upper edge of what has no shoulders: not the side of a skirt that is cut as a ring."""
+    if side.label not in HANGS or side.normal is None or side.points is None:
+        return False
+    return bool(side.normal[1] > 0.7 and np.abs(side.points[:, 0]).max() < WAIST)
 
 
 def _alike(a: Side, b: Side) -> tuple[float, float, str]:
@@ -199,7 +212,7 @@ def _round(a: Side, b: Side) -> tuple[float, str]:
     same, shape, reason = _alike(a, b)
     apart = _apart(a.points, b.points, False)
     near = float(np.exp(-((apart / NEAR) ** 2)))
-    if min(a.straight, b.straight) < 0.95:
+    if min(a.straight, b.straight) < 0.95 or float(a.normal @ b.normal) > -0.5:
         return 0.0, ""
     return 0.4 * same + 0.5 * near + 0.1 * shape, f"{reason}, both ends of one piece, {100 * apart:.0f} cm apart"
 

@@ -21,8 +21,9 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Edges of a panel that follow each other: metres along them, how straight they are, the notches ("": none) at their start and end, and in
-    the world nine points along them and their middle normal, out of the panel; None where the panel has no place.
+    """Edges of a panel that follow each other: metres along them, how straight they are, the notches ("": none) at their
+    start and end, and in the world nine points along them and their middle normal, out of the panel; None where the panel
+    has no place.
 
     flat: the panel stands before or behind the body. label: the panel's, edge_label: that of the edges.
     """
@@ -66,7 +67,11 @@ def _runs(panel: Panel, taken: set[Key], marks: Mapping[Key, str], joined: bool)
     for loop in loops(panel):
         free = [(panel.name, i) not in taken for i in loop]
         on = [
-            joined and free[k] and free[k - 1] and _goes_on(panel, loop[k - 1], loop[k]) and (panel.name, loop[k]) not in marks
+            joined
+            and free[k]
+            and free[k - 1]
+            and _goes_on(panel, loop[k - 1], loop[k])
+            and (panel.name, loop[k]) not in marks
             for k in range(len(loop))
         ]  # whether edge k goes on from the one before
         first = next((k for k in range(len(loop)) if not on[k]), 0)

@@ -20,17 +20,17 @@ from vitruvian.cloth.garment import Garment, sewn
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
-from vitruvian.cloth.placing import ARMS, dummy, hung
+from vitruvian.cloth.placing import ARMS, dummy, hung, waist
 from vitruvian.cloth.sheet import Sheet, strains
 from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assemble, step
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
 from vitruvian.cloth.untangling import untangle
 
+COARSE, FINE = 0.014, 2  # metres: finer cloth is sewn and draped at twice its size, then in so many times smaller steps
 SEWING = 1.0  # seconds in which seams close
 PULL = 1.5  # m/s with which a thread draws together what is still apart
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
-WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
-HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
+HELD = 0.5  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
@@ -64,29 +64,38 @@ def tailor(
     """
     clock = _Clock()
     mannequin = dummy(body, arms=arms)
-    mesh = tessellate(pattern, size)
-    clock("mesh")
     cloths = tuple(_fabric(p.fabric, fabric) for p in pattern.panels)
+    thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
+    mesh = tessellate(pattern, size if size > COARSE else 2 * size)
+    clock("mesh")
     obstacle = still(mannequin.vertices, mannequin.triangles)
     flat = hung(pattern, mesh, mannequin, obstacle.distances)
     clock("place")
-    thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
     sewing = assemble(sewn(mesh, None, smooth), gap=max(thick, 2e-3), same=weld)
-    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress, watch)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, waist(pattern, mesh), progress, watch)
+    open_seams = sorted({int(s) for s in mesh.seam[apart > CLOSED]})
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
-    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress, watch)
+    rest, settled = _draped(cloth, cloth.state(positions), obstacle, SUBSTEPS, progress, watch)
     clock("drape")
+    if size <= COARSE:  # cloth comes to rest sooner in larger pieces
+        fine = tessellate(pattern, size)
+        positions = finer(mesh, rest.x.astype(np.float64)[weld], fine)
+        mesh, weld = fine, welded(fine)
+        cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
+        positions = _merged(positions, weld)
+        rest, settled = _draped(cloth, cloth.state(positions), obstacle, FINE * SUBSTEPS, progress, watch)
+        clock("refine")
     triangles = weld[mesh.triangles]
     vertices = untangle(rest.x, triangles, obstacle=obstacle).positions
     clock("untangle")
     report = {
         "faces": len(triangles),
         "seam_gap_max_mm": 1000 * float(apart.max(initial=0)),
-        "open_seams": sorted({int(s) for s in mesh.seam[apart > CLOSED]}),
+        "open_seams": open_seams,
         "settled": settled,
         "speed": rest.speed,
         **fitting(cloth.sheet, vertices, obstacle),
@@ -131,21 +140,12 @@ def _fabric(name: str, usual: str | Fabric) -> Fabric:
     return usual if isinstance(usual, Fabric) else fabric_named(usual)
 
 
-def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
-    """Vertices of the edges that a garment without shoulders hangs by: they stay as high as the pattern puts them."""
-    labels = {e.label for p in pattern.panels for e in p.edges}
-    if any(label.endswith(SHOULDERS) for label in labels):
-        return np.zeros(0, np.int32)
-    named = [(k, i) for k, p in enumerate(pattern.panels) for i, e in enumerate(p.edges) if e.label == WAIST]
-    return np.unique(np.concatenate([np.zeros(0, np.int32), *(mesh.edges[key] for key in named)]))
-
-
 def _sewn(
     cloth: Cloth,
     mesh: PanelMesh,
     flat: Floats,
     obstacle: Obstacle,
-    waist: Ints,
+    held: Ints,
     progress: Progress | None,
     watch: Watch | None,
 ) -> tuple[State, Floats]:
@@ -159,9 +159,10 @@ def _sewn(
         low, high = (np.minimum(first, farthest * (1 - _smooth(min(1.0, (k + j) / frames)))) for j in (0, 1))
         # nor at once: threads that pull against each other would tear the cloth
         pairs = Pairs(mesh.pairs, np.maximum(low, apart), np.maximum(high, apart - PULL * FRAME))
-        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS  # what pulls against a seam opens it by a step's square
+        # what pulls against a seam opens it by a step's square
+        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS if k < 1.5 * frames else 8 * SUBSTEPS
         state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle, substeps=substeps)
-        state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
+        state.x[held, 1] += (HELD * (flat[held, 1] - state.x[held, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
@@ -176,19 +177,37 @@ def _smooth(t: float) -> float:
     return t * t * (3 - 2 * t)
 
 
+def finer(mesh: PanelMesh, positions: Floats, fine: PanelMesh) -> Floats:
+    """(n,3) metres: where the vertices of another mesh of the same panels are, positions (m,3) of `mesh` given."""
+    import igl
+
+    out = np.empty((len(fine.material), 3))
+    for k in np.unique(fine.panel):
+        mine = fine.panel == k
+        own = mesh.triangles[mesh.panel[mesh.triangles[:, 0]] == k]
+        point, plane = (np.column_stack([m.material, np.zeros(len(m.material))]) for m in (fine, mesh))
+        face = igl.point_mesh_squared_distance(np.ascontiguousarray(point[mine]), plane, own.astype(np.int64))[1]
+        corner = own[np.asarray(face).reshape(-1)]
+        a, b, c = (mesh.material[corner[:, j]] for j in range(3))
+        u, v = np.linalg.solve(np.stack([b - a, c - a], axis=2), (fine.material[mine] - a)[..., None])[..., 0].T
+        share = np.stack([1 - u - v, u, v], axis=1)
+        out[mine] = np.einsum("nk,nkx->nx", share, positions[corner])
+    return out
+
+
 def _merged(positions: Floats, weld: Ints) -> Floats:
     count = np.bincount(weld)
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
 def _draped(
-    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None
+    cloth: Cloth, state: State, obstacle: Obstacle, substeps: int, progress: Progress | None, watch: Watch | None
 ) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
-        state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
+        state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle, substeps=substeps)
         speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)

@@ -35,7 +35,20 @@ REGIONS = {
     "leg": ("leg", "pant", "pants", "trouser", "trousers", "jeans", "shorts", "leggings"),
     "skirt": ("skirt",),
     "pocket": ("pocket", "pockets"),
-    "torso": ("torso", "ftorso", "btorso", "bodice", "shirt", "tshirt", "tee", "top", "dress", "jacket", "yoke", "body"),
+    "torso": (
+        "torso",
+        "ftorso",
+        "btorso",
+        "bodice",
+        "shirt",
+        "tshirt",
+        "tee",
+        "top",
+        "dress",
+        "jacket",
+        "yoke",
+        "body",
+    ),
 }
 FACES = {FRONT: ("front", "f", "ftorso", "fr"), BACK: ("back", "b", "btorso", "bk")}
 SIDES = {LEFT: ("left", "l"), RIGHT: ("right", "r")}
@@ -212,10 +225,10 @@ def _side(panel: Panel, worn: Worn, pattern: Pattern) -> int:
         if "notch" in at and "bnotch" in at:
             return RIGHT if at["notch"] > at["bnotch"] else LEFT
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
-    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
-        return 0
     if worn.region == "hood":
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
+    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
+        return 0
     # the middle of the body, seen as u: at a fork, where a top is highest, where a skirt's top edge is upright
     ring = _ring(panel)
     left, right = float(ring[:, 0].min()), float(ring[:, 0].max())
@@ -318,8 +331,8 @@ def _spun(edge: Edge, spin: Floats) -> Edge:
 
 
 def _on_arm(panel: Panel, worn: Worn, at: Stand) -> Panel:
-    """Rolled around the arm from above, its top (v) towards the shoulder; halves that face forwards or backwards hang before
-    or behind it."""
+    """Rolled around the arm from above, its top (v) towards the shoulder; halves that face forwards or backwards hang
+    before or behind it."""
     f, side = at.figure, worn.side or LEFT
     shoulder, elbow = at.arms[side]
     way = elbow - shoulder
@@ -340,9 +353,7 @@ def _on_arm(panel: Panel, worn: Worn, at: Stand) -> Panel:
     return replace(panel, rotation=rotation, translation=start + radius * up - rotation @ top, bend=bend)
 
 
-def _half_sleeve(
-    panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float
-) -> Panel:
+def _half_sleeve(panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float) -> Panel:
     """Half a sleeve that is drawn along u, as the wearer is seen from the front, or along v."""
     turn = -side * arms
     across = face * wound

@@ -63,8 +63,10 @@ def write_pattern(pattern: Pattern, path: str | Path) -> None:
 
 WRITERS = {
     ".pattern.json": ("pattern_file", "write_pattern"),
+    ".garmentcode.json": ("garmentcode", "write_garmentcode"),
     ".svg": ("pattern_svg", "write_svg"),
     ".dxf": ("pattern_dxf", "write_dxf"),
+    ".pdf": ("pattern_pdf", "write_drawing"),
 }
 
 
