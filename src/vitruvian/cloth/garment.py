@@ -22,8 +22,9 @@ class Garment:
 
     mesh: its flat panels; weld (n,): the garment's vertex of each of theirs; vertices (w,3) metres, humanoid space, where
     it hangs on the body posed by matrices (J,4,4); fabrics: one for each panel. report: how it was made and fits, see
-    `vitruvian.cloth.tailor.tailor`. graded (m,3,2) metres, weft and warp: the corners of its triangles in a cloth that is
-    cut larger or smaller than the panels, see `vitruvian.cloth.resizing`; None: as the panels are.
+    `vitruvian.cloth.tailor.tailor`; below: the garments that it is worn over, as they lie under it, innermost first.
+    graded (m,3,2) metres, weft and warp: the corners of its triangles in a cloth that is cut larger or smaller than the
+    panels, see `vitruvian.cloth.resizing`; None: as the panels are.
     """
 
     pattern: Pattern
@@ -33,6 +34,7 @@ class Garment:
     fabrics: tuple[Fabric, ...]
     matrices: Floats
     report: Mapping[str, Any] = field(default_factory=dict)
+    below: tuple[Garment, ...] = ()
     graded: Floats | None = None
 
     @property
