@@ -10,6 +10,7 @@ import typer
 
 from vitruvian.cli import app
 from vitruvian.cli.output import Json, Out, Repair, count, emit, progress
+from vitruvian.cli.refitting import FitOption
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -85,21 +86,21 @@ def dress(
     sidecar: Path | None = typer.Option(
         None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
     ),
+    fit_map: Path | None = FitOption,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
     """Sew a pattern around a body and let it fall into place.
 
-    The result is the body in the pose it was dressed in, with the garment as part of its skin, moved by its joints. Exit
-    status 1: the garment does not fit, and the reason.
+    The result is the body in the pose it was dressed in, with the garment as part of its skin, moved by its joints; or,
+    in a file that ends in .garment.npz, the garment to be put on other bodies, see refit. Exit status 1: the garment
+    does not fit, and the reason.
     """
     from math import radians
 
     from vitruvian.body.pack import pack
-    from vitruvian.cloth.garment import charted
+    from vitruvian.cli.refitting import written
     from vitruvian.cloth.tailor import tailor
-    from vitruvian.formats.registry import save
-    from vitruvian.modeling.wearing import worn
 
     body = _bare(source, repair)
     pattern = pattern_of(garment, body, sidecar=sidecar)
@@ -116,9 +117,7 @@ def dress(
             pattern, pack(body), fabric=fabric, size=size / 1000, arms=radians(arms),
             progress=lambda _, share: bar(round(1000 * share), 1000),
         )  # fmt: skip
-    uv, uv_triangles = charted(made)
-    whole = worn(body, made.vertices, made.triangles, made.matrices, uv=uv, uv_triangles=uv_triangles)
-    lost = list(save(whole, out)["lost"])
+    lost, said = written(made, body, out, fit_map)
     document: dict[str, Any] = dict(made.report) | {"seconds": time.perf_counter() - start, "lost": lost}
     reasons = faults(document)
     text = (
@@ -126,7 +125,8 @@ def dress(
         f"{document['strain_p99']:.1%}, {document['self_intersections']} cuts of itself, "
         f"{count(document['penetrating_vertices'], 'point')} in the body; {document['seconds']:.1f} s"
     )
-    emit(document | {"reasons": reasons}, "\n".join([text, *reasons, *(f"lost: {line}" for line in lost)]), as_json)
+    lines = [text, *reasons, *said.get("fit", {}).get("findings", []), *(f"lost: {line}" for line in lost)]
+    emit(document | {"reasons": reasons, **said}, "\n".join(lines), as_json)
     if reasons:
         raise typer.Exit(1)
 
