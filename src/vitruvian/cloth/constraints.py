@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.sheet import Sheet
 
 LANES = 8
+LEAST = 0.25  # of its compliance is left to each membrane: without any, triangles that fold up would burst
 Single = NDArray[np.float32]
 
 
@@ -113,3 +114,39 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
     some = stiff > 0
     compliance = total / np.where(some, stiff * size * size, 1)
     return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]
+
+
+def yielding(groups: Groups, sheet: Sheet, inverse_mass: Single) -> Floats:
+    """(g,2,8) metres a newton over h^2: by how much one pass a step of h seconds leaves each triangle softer along weft and
+    warp, were its multiplier new in each step.
+
+    In a cloth at rest the pass restores what all multipliers make, one after the other. When a triangle's turn comes, what
+    the later ones do is missing: under an even stress they would undo all of its own work, so the softness is w |grad C|^2
+    of the triangle less what they undo.
+    """
+    w = np.append(inverse_mass, 0.0).astype(np.float64)
+    later = np.zeros((len(w), 2))  # what the triangles worked off later pull at each vertex, along weft and warp
+    out = np.zeros((len(groups.index), 2, LANES))
+    a, b, c, d = (groups.rest[:, k].astype(np.float64) for k in range(4))
+    area = 0.5 / np.maximum(np.abs(a * d - b * c), 1e-30)
+    grad = np.stack([np.stack([-a - c, a, c], axis=1), np.stack([-b - d, b, d], axis=1)], axis=-1)  # (g,vertex,lane,uv)
+    for g in range(len(out) - 1, -1, -1):
+        index = groups.index[g]
+        own = w[index][..., None] * grad[g]
+        most = np.sum(own * grad[g], axis=0)
+        undone = np.sum(own * later[index], axis=0) / area[g][:, None]
+        out[g] = np.clip(most + undone, 0, most).T
+        inside = index < len(w) - 1
+        later[index[inside]] += (area[g][None, :, None] * grad[g])[inside]
+    return out
+
+
+def stiffened(groups: Groups, softer: Floats) -> Single:
+    """The coefficients of membranes whose compliance is less by what the solver adds, softer (g,2,8), where it is so much."""
+    rest = groups.rest.copy()
+    uu, uv, vv, ss = (rest[:, k].astype(np.float64) for k in range(4, 8))
+    u, v = np.maximum(uu - softer[:, 0], LEAST * uu), np.maximum(vv - softer[:, 1], LEAST * vv)
+    rest[:, 4], rest[:, 6], rest[:, 7] = u, v, np.maximum(ss - softer.sum(axis=1), LEAST * ss)
+    limit = 0.95 * np.sqrt(u * v)
+    rest[:, 5] = np.clip(uv, -limit, limit)
+    return rest

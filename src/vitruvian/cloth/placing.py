@@ -116,7 +116,9 @@ def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance
         mine = arm == sign
         own = (of == sign).all(axis=1)
         if own.any():
-            move = _sleeve(first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side)
+            move = _sleeve(
+                first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side
+            )
             moves = [move if m else old for m, old in zip(mine, moves)]
     return _cleared(pattern, mesh, distance, moves)
 

@@ -36,7 +36,15 @@ def shares(x: Floats, corner: Floats) -> Floats:
 
 
 def near_cloth(
-    x: Single, v: Single, triangles: Ints, edges: Ints, sides: Ints, same: Ints, limits: Single, before: Ints, side: Single,
+    x: Single,
+    v: Single,
+    triangles: Ints,
+    edges: Ints,
+    sides: Ints,
+    same: Ints,
+    limits: Single,
+    before: Ints,
+    side: Single,
 ) -> tuple[Ints, Single, Ints, Single]:
     """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h."""
     p, u = x[:, :3].astype(np.float64), v[:, :3].astype(np.float64)
