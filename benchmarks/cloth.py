@@ -13,7 +13,7 @@ import trimesh
 from _rows import main, row
 
 from vitruvian.cloth.fabric import FABRICS, Fabric
-from vitruvian.cloth.obstacle import still
+from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Edge, Panel, Pattern
 from vitruvian.cloth.sheet import Sheet, strains
 from vitruvian.cloth.solver import assemble, step, substeps_for
@@ -35,12 +35,17 @@ def square(size: float) -> tuple[Sheet, np.ndarray]:
     return sheet, np.stack([mesh.material[:, 0] - 0.5, 0.27 + tilt, mesh.material[:, 1] - 0.5], axis=1)
 
 
+def ball() -> Obstacle:
+    """What it falls on."""
+    made = trimesh.creation.icosphere(subdivisions=4, radius=0.25)
+    return still(np.array(made.vertices), np.array(made.faces, np.int32))
+
+
 def rows(quick: bool = False) -> list[dict[str, object]]:
     """The benchmark's rows."""
     if kernels() is None:
         return []
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.25)
-    obstacle = still(np.array(ball.vertices), np.array(ball.faces, np.int32))
+    obstacle = ball()
     out = []
     for size, name, goal in CASES[: 1 if quick else None]:
         sheet, start = square(size)

@@ -92,7 +92,8 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
     one, other = order[two], order[two + 1]
     good = (sheet.areas[face[one]] > 0) & (sheet.areas[face[other]] > 0)
     one, other = one[good], other[good]
-    factor, total, stiff, size = np.zeros((len(one), 4)), 0.0, 0.0, 0.0
+    inner = np.maximum(np.bincount(face[np.concatenate([one, other])], minlength=len(t)), 1)
+    factor, total, stiff, size, rim = np.zeros((len(one), 4)), 0.0, 0.0, 0.0, 0.0
     index = np.stack([low[one], high[one], low[one], high[one]], axis=1)
     for k, side in enumerate((one, other)):
         f, a, b, c = face[side], *(corner[which[side], i] for i in range(3))
@@ -111,8 +112,9 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
         bend = np.array([[g.bend_u, g.bend_v] for g in sheet.fabrics])[sheet.fabric[f]]
         stiff = stiff + 0.5 * np.sum(bend * across**2, axis=1)
         total, size = total + sheet.areas[f], size + 0.5 * long
+        rim = rim + sheet.areas[f] * 3 / inner[f]  # a triangle at the rim bends about fewer edges, of which each does more
     some = stiff > 0
-    compliance = total / np.where(some, stiff * size * size, 1)
+    compliance = total * total / np.where(some, stiff * size * size * rim, 1)
     return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]
 
 
