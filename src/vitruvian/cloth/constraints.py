@@ -112,7 +112,9 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
         bend = np.array([[g.bend_u, g.bend_v] for g in sheet.fabrics])[sheet.fabric[f]]
         stiff = stiff + 0.5 * np.sum(bend * across**2, axis=1)
         total, size = total + sheet.areas[f], size + 0.5 * long
-        rim = rim + sheet.areas[f] * 3 / inner[f]  # a triangle at the rim bends about fewer edges, of which each does more
+        rim = (
+            rim + sheet.areas[f] * 3 / inner[f]
+        )  # a triangle at the rim bends about fewer edges, of which each does more
     some = stiff > 0
     compliance = total * total / np.where(some, stiff * size * size * rim, 1)
     return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]
@@ -144,7 +146,7 @@ def yielding(groups: Groups, sheet: Sheet, inverse_mass: Single) -> Floats:
 
 
 def stiffened(groups: Groups, softer: Floats) -> Single:
-    """The coefficients of membranes whose compliance is less by what the solver adds, softer (g,2,8), where it is so much."""
+    """The coefficients of membranes whose compliance is less by what the solver adds: softer (g,2,8)."""
     rest = groups.rest.copy()
     uu, uv, vv, ss = (rest[:, k].astype(np.float64) for k in range(4, 8))
     u, v = np.maximum(uu - softer[:, 0], LEAST * uu), np.maximum(vv - softer[:, 1], LEAST * vv)

@@ -25,14 +25,16 @@ from vitruvian.errors import VitruvianError
 DISC = 0.09  # metres: radius of the table that Cusick's fabric lies on
 LOAD = 19.6  # N/m at which a tensile curve is read: what cloth bears when it is worn
 FAST_LOADS = {"E5": 4.9, "E20": 19.6, "E100": 98.1}  # N/m
-SECONDS, CALM = 3.0, 8.0  # of draping; its damping, 1/s
+SECONDS, CALM = 2.0, 8.0  # of draping; its damping, 1/s
 Ask = Callable[[str, float], None]
 
 
 def modulus(curve: Sequence[Sequence[float]], load: float = LOAD) -> float:
     """N/m: the load over the strain at which a tensile curve, rows of strain and N/m, reaches it; at its end if never."""
     table = np.asarray(curve, np.float64)
-    require(table.ndim == 2 and table.shape[1] == 2 and len(table) > 0, "tensile", "rows of strain and N/m", table.shape)
+    require(
+        table.ndim == 2 and table.shape[1] == 2 and len(table) > 0, "tensile", "rows of strain and N/m", table.shape
+    )
     table = table[np.argsort(table[:, 1])]
     if table[0, 1] > 0:
         table = np.concatenate([[[0.0, 0.0]], table])
@@ -196,7 +198,7 @@ def draping_so(
     require(0 < coefficient < 1, "drape coefficient", "0 to 1", f"{coefficient:g}")
     ratio = cloth.bend_v / cloth.bend_u if cloth.bend_u > 0 else 1.0
     scaled = lambda exponent: replace(cloth, bend_u=10.0**exponent, bend_v=min(ratio * 10.0**exponent, 1e-2))  # noqa: E731
-    low, high = -7.0, -3.0
+    low, high = -6.5, -3.0
     ends = [draped(scaled(e), diameter).coefficient for e in (low, high)]
     if not ends[0] <= coefficient <= ends[1]:
         reach = f"{ends[0]:.2f} to {ends[1]:.2f}"

@@ -49,7 +49,7 @@ class Cloth:
     kept: dict[float, tuple[Single, Single, int]] = field(default_factory=dict)  # what `tuned` has worked out
 
     def tuned(self, h: float) -> tuple[Single, Single, int]:
-        """Coefficients of membranes and hinges for steps of h seconds, and in one of how many steps hinges are worked off."""
+        """Coefficients of membranes and hinges for steps of h seconds; hinges are worked off in one of so many steps."""
         if h not in self.kept:
             membrane = stiffened(self.membranes, self.yielding[0] * (1 - CARRY) * h * h)
             bend, rest = self.yielding[1] * h * h, self.hinges.rest
