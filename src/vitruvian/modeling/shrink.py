@@ -1,7 +1,8 @@
 """Drawing a template onto a scan: which point of the scan each point of the surface means, and free offsets.
 
 Correspondences are closest points on the scan's triangles, without those that are far, face another way, lie on the
-border of a hole, or are among the worst twentieth. Offsets follow them as smoothly as a Laplacian wants.
+border of a hole, or, in the first rounds, are among the worst twentieth. Offsets follow them as smoothly as a Laplacian
+wants.
 Sources: note body.md, section 3; B. Allen, B. Curless, Z. Popovic, "The space of human body shapes" (2003).
 """
 
