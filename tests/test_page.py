@@ -301,7 +301,9 @@ def test_levels_of_detail_by_hand_while_nothing_plays(browser, tmp_path):
             seen.append(page.evaluate("vitruvian.drawn"))
             pictures.append(page.get_by_test_id("canvas").screenshot())
         all_of_them, fewer, few, far, again = seen
-        assert all_of_them == again == every and every > 1.2 * fewer and fewer > 1.3 * few and few > 1.5 * far > 500, seen
+        assert all_of_them == again == every and every > 1.2 * fewer and fewer > 1.3 * few and few > 1.5 * far > 500, (
+            seen
+        )
         assert len(set(pictures[:4])) == 4
         page.keyboard.press("$")
         page.keyboard.press("$")
