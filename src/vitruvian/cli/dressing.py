@@ -61,8 +61,8 @@ def placed_on(pattern: Pattern, body: Any, *, arms: float | None = None) -> Patt
         return pattern
     from vitruvian.body.pack import pack
     from vitruvian.cloth.drafting.figure import figure
-    from vitruvian.cloth.placing import ARMS, dummy
-    from vitruvian.cloth.wrapping import stand, wrapped
+    from vitruvian.cloth.placing import dummy
+    from vitruvian.cloth.wrapping import ARMS, stand, wrapped
     from vitruvian.modeling.person import person
 
     body = person(outfit=None) if body is None else body
@@ -81,7 +81,13 @@ def dress(
         "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    arms: float | None = typer.Option(
+        None,
+        "--arms",
+        min=0.0,
+        max=90.0,
+        help="Degrees of the arms below the horizontal (10; 30 for patterns that do not say where their panels hang).",
+    ),  # fmt: skip
     sidecar: Path | None = typer.Option(
         None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
     ),
@@ -109,11 +115,17 @@ def dress(
             f"{garment}: says no seams; propose some, `vitruvian pattern sew {garment} -o {name}.pattern.json`, and "
             f"dress in that, or say them in {name}.sewing.json"
         )
-    pattern = placed_on(pattern, body, arms=radians(arms))
+    lowered = None if arms is None else radians(arms)
+    hanging = placed_on(pattern, body, arms=lowered)
+    if lowered is None:
+        from vitruvian.cloth import placing, wrapping
+
+        lowered = placing.ARMS if hanging is pattern else wrapping.ARMS
+    pattern = hanging
     start = time.perf_counter()
     with progress("dressing") as bar:
         made = tailor(
-            pattern, pack(body), fabric=fabric, size=size / 1000, arms=radians(arms),
+            pattern, pack(body), fabric=fabric, size=size / 1000, arms=lowered,
             progress=lambda _, share: bar(round(1000 * share), 1000),
         )  # fmt: skip
     uv, uv_triangles = charted(made)
