@@ -73,7 +73,11 @@ def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
         hip = skeleton.index.get(f"{side}_hip")
         if hip is not None:
             rotation[0, hip] = from_vector(np.array([0.0, 0.0, sign * legs]))
-    matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+    return posed(body, pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0])
+
+
+def posed(body: Body, matrices: Floats) -> Dummy:
+    """A body under matrices (J,4,4) of its joints."""
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
     return Dummy(body, matrices, vertices, _largest(body.skin.triangles, len(vertices)))
 
