@@ -25,7 +25,7 @@ KINDS = {"line": 0, "quadratic": 1, "cubic": 2, "arc": 1, "polyline": 5}
 def same(one: Pattern, two: Pattern) -> bool:
     """Whether two patterns are equal to the last bit."""
     for p, q in zip(one.panels, two.panels, strict=True):
-        for field in ("vertices", "grain", "rotation", "translation"):
+        for field in ("vertices", "grain", "rotation", "translation", "bend"):
             a, b = getattr(p, field), getattr(q, field)
             if (a is None) != (b is None) or (a is not None and not np.array_equal(a, b)):
                 return False
@@ -47,7 +47,7 @@ def everything() -> Pattern:
         Edge(3, 0, "quadratic", [[-0.02, 0.2]]),
     )
     turn = np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
-    front = Panel("Vorderteil ½", corners, edges, "body", turn, [0, 1.1, 0.2], [0.1, 0.9], "denim", 2)
+    front = Panel("Vorderteil ½", corners, edges, "body", turn, [0, 1.1, 0.2], [0.1, 0.9], "denim", 2, [0.0, 1 / 0.13])
     hole = np.concatenate([rectangle("", 0.3, 0.3).vertices, [[0.1, 0.1], [0.1, 0.2], [0.2, 0.2]]])
     loops = (*(Edge(i, (i + 1) % 4) for i in range(4)), Edge(4, 5), Edge(5, 6), Edge(6, 4))
     seams = (

@@ -174,6 +174,25 @@ def test_shapes_say_it_where_words_do_not(at):
     assert worn["teagan"]["sleeve"].side == RIGHT and worn["teagan"]["sleeve_mirrored"].side == LEFT
 
 
+@pytest.mark.parametrize("turn", [0, 90, 200])
+def test_a_sleeve_is_known_by_its_hem_and_cap_however_it_is_drawn(turn, at):
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    spin = np.array([[c, s], [-s, c]])
+    corners = np.array([[-0.18, 0], [0.18, 0], [0.17, 0.06], [-0.17, 0.06]])
+    cap = np.array([[0.1, 0.25], [-0.1, 0.25]])
+    edges = (Edge(0, 1), Edge(1, 2), Edge(2, 3, "cubic", cap @ spin), Edge(3, 0))
+    names = ("left sleeve", "front", "back")
+    sleeve = Panel(names[0], corners @ spin, edges)
+    pattern = wrapped(Pattern("p", (sleeve, rectangle("front", 0.5, 0.6), rectangle("back", 0.5, 0.6))), at)
+    tube = pattern.panel("left sleeve")
+    shoulder, elbow = at.arms[LEFT]
+    ends = [placed(tube, tube.vertices[i]).mean(axis=0) for i in ([0, 1], [2, 3])]
+    axis = (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
+    assert (ends[0] - ends[1]) @ axis == pytest.approx(0.06, abs=0.003)  # the hem is farther out
+    assert np.abs(placed(tube, tube.vertices)[:, 2]).max() < 0.1 and 1 / np.hypot(*tube.bend) > 0.055
+    assert tube.rotation[:, 2] @ [0, 1, 0] > 0.9
+
+
 def joined(seam: Seam) -> frozenset[tuple[str, int]]:
     return frozenset((s.panel, s.edge) for s in (*seam.a, *seam.b))
 

@@ -63,8 +63,8 @@ def placed_on(pattern: Pattern, body: Any, *, arms: float | None = None) -> Patt
         return pattern
     from vitruvian.body.pack import pack
     from vitruvian.cloth.drafting.figure import figure
-    from vitruvian.cloth.placing import ARMS, dummy
-    from vitruvian.cloth.wrapping import stand, wrapped
+    from vitruvian.cloth.placing import dummy
+    from vitruvian.cloth.wrapping import ARMS, stand, wrapped
     from vitruvian.modeling.person import person
 
     body = person(outfit=None) if body is None else body
@@ -87,7 +87,13 @@ def dress(
         help="chiffon, silk, cotton, linen, wool, jersey, denim, leather; once for each garment.",
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    arms: float | None = typer.Option(
+        None,
+        "--arms",
+        min=0.0,
+        max=90.0,
+        help="Degrees of the arms below the horizontal (10; 30 for patterns that do not say where their panels hang).",
+    ),  # fmt: skip
     sidecar: Path | None = typer.Option(
         None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
     ),
@@ -108,12 +114,14 @@ def dress(
     from vitruvian.cloth.tailor import tailor
 
     body, packed = (bare := _bare(source, repair)), pack(bare)
-    patterns = [_sewable(path, body, sidecar, radians(arms)) for path in garments]
+    patterns = [_sewable(path, body, sidecar) for path in garments]
+    lowered = _lowered(patterns) if arms is None else radians(arms)
+    patterns = [placed_on(pattern, body, arms=lowered) for pattern in patterns]
     start, over = time.perf_counter(), []
     with progress("dressing") as bar:
         for k, pattern in enumerate(patterns):
             made = tailor(
-                pattern, packed, fabric=fabric[min(k, len(fabric) - 1)], size=size / 1000, arms=radians(arms), over=over,
+                pattern, packed, fabric=fabric[min(k, len(fabric) - 1)], size=size / 1000, arms=lowered, over=over,
                 progress=lambda _, share, k=k: bar(round(1000 * (k + share)), 1000 * len(patterns)),
             )  # fmt: skip
             over = [*made.below, made]
@@ -134,8 +142,16 @@ def dress(
         raise typer.Exit(1)
 
 
-def _sewable(path: Path, body: Any, sidecar: Path | None, arms: float) -> Pattern:
-    """A pattern with seams and places. VitruvianError where it says no seams."""
+def _lowered(patterns: list[Pattern]) -> float:
+    """Radians of the arms below the horizontal: lower where panels are placed here."""
+    from vitruvian.cloth import placing, wrapping
+
+    hung = all(p.rotation is not None and p.translation is not None for pattern in patterns for p in pattern.panels)
+    return placing.ARMS if hung else wrapping.ARMS
+
+
+def _sewable(path: Path, body: Any, sidecar: Path | None) -> Pattern:
+    """A pattern with seams. VitruvianError where it says none."""
     pattern = pattern_of(path, body, sidecar=sidecar)
     if not pattern.seams and len(pattern.panels) > 1:
         name = path.name.split(".")[0]
@@ -143,7 +159,7 @@ def _sewable(path: Path, body: Any, sidecar: Path | None, arms: float) -> Patter
             f"{path}: says no seams; propose some, `vitruvian pattern sew {path} -o {name}.pattern.json`, and dress in "
             f"that, or say them in {name}.sewing.json"
         )
-    return placed_on(pattern, body, arms=arms)
+    return pattern
 
 
 def _bare(source: str, repair: bool) -> Any:

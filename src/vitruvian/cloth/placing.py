@@ -225,7 +225,7 @@ def _cleared(pattern: Pattern, mesh: PanelMesh, distance: Distance, moves: Seque
                 f"panel {pattern.panels[int(moved.argmax())].name}: it is still inside the body {FARTHEST:g} m away from "
                 "its place; is the unit right, and does it face outwards?"
             )
-        for k in inside:
+        for k in inside.tolist():
             out[mine[k]] = moves[k](placed(_out(pattern.panels[k], moved[k]), mesh.material[mine[k]]))
     return out
 

@@ -107,6 +107,8 @@ def _free(side: Side, hangs: bool) -> bool:
     if side.normal is None or side.points is None or (hangs and side.label == "body"):
         return False
     aside = float(np.sign(side.points[4, 0]) * side.normal[0])
+    if side.label == "arm" and aside > 0.6 and side.normal[1] < 0.1 and side.length > 0.05:
+        return True
     return bool(side.normal[1] < -0.45 and aside > -0.45 and side.label != "") and side.length > 0.05
 
 

@@ -20,8 +20,18 @@ from vitruvian.errors import VitruvianError
 
 WAIST = "lower_interface"  # the label of the edge that a garment without shoulders hangs by
 RISE, CROTCH = 0.018, 0.02  # metres of a shoulder's inner end over the nape, of a fork under the crotch
-DEPTH = {"torso": 0.16, "skirt": 0.14, "leg": 0.14, "band": 0.14, "pocket": 0.22, "collar": 0.12, "hood": 0.14}
+DEPTH = {
+    "torso": 0.16,
+    "skirt": 0.14,
+    "leg": 0.14,
+    "band": 0.14,
+    "pocket": 0.22,
+    "collar": 0.12,
+    "hood": 0.14,
+    "sleeve": 0.12,
+}
 ROOM = 0.02  # metres between what is rolled and the limb, and of shoulders over shoulders
+STRAIGHT = 0.995  # of an edge's length are its ends apart
 NECK = 0.1  # metres beside the middle, where shoulders are and the head is not
 LEFT, RIGHT = 1, -1  # sides of the body, as x has them
 FRONT, BACK = 1, -1
@@ -54,6 +64,11 @@ FACES = {FRONT: ("front", "f", "ftorso", "fr"), BACK: ("back", "b", "btorso", "b
 SIDES = {LEFT: ("left", "l"), RIGHT: ("right", "r")}
 LABELS = {"torso": "body", "sleeve": "arm", "cuff": "arm", "leg": "leg", "skirt": "skirt", "band": "body"}
 MIRRORED = "mirrored"
+
+
+ARMS = np.radians(
+    30.0
+)  # below the horizontal, for what is placed here: sleeves of one piece close well under such arms
 
 
 @dataclass(frozen=True)
@@ -345,24 +360,45 @@ def _on_arm(panel: Panel, worn: Worn, at: Stand) -> Panel:
     if worn.face:
         return _half_sleeve(panel, worn.face, side, ring, start, float(np.arctan2(-out[1], side * out[0])), wound)
     up = np.array([-side * out[1], side * out[0], 0.0])
+    to = -_reach(panel)  # in its plane: to the shoulder
+    aside = np.array([to[1], -to[0]])
     v, w = -out, wound * up
-    rotation = np.stack([np.cross(v, w), v, w], axis=1)
-    top = np.array([0.5 * (ring[:, 0].min() + ring[:, 0].max()), ring[:, 1].max(), 0.0])
-    radius = max(f["upper_arm"] / (2 * np.pi) + ROOM, 1.02 * float(np.ptp(ring[:, 0])) / (2 * np.pi))
-    bend = np.array([1 / radius, 0.0])
-    return replace(panel, rotation=rotation, translation=start + radius * up - rotation @ top, bend=bend)
+    rotation = np.stack([np.cross(v, w), v, w], axis=1) @ np.array([[*aside, 0], [*to, 0], [0, 0, 1.0]])
+    wide, deep = ring @ aside, ring @ to
+    top = np.array([*(0.5 * (wide.min() + wide.max()) * aside + deep.max() * to), 0.0])
+    radius = max(f["upper_arm"] / (2 * np.pi) + ROOM, 1.02 * float(np.ptp(wide)) / (2 * np.pi))
+    place = start + radius * up - rotation @ top
+    return replace(panel, rotation=rotation, translation=place, bend=aside / radius)
+
+
+def _reach(panel: Panel) -> Floats:
+    """(2,) unit: the way a sleeve runs down the arm in its own plane, square to its hem: the straight edge whose line is
+    farthest from its cap, the most bent one."""
+    middles = np.array([along(panel, i, 0.5)[0] for i in range(len(panel.edges))])
+    sizes = np.array([length(panel, i) for i in range(len(panel.edges))])
+    chords = np.array([b - a for a, b in (ends(panel, i) for i in range(len(panel.edges)))])
+    straight = np.hypot(*chords.T) / np.maximum(sizes, 1e-12)
+    cap = int((sizes * (1 - straight)).argmax())
+    if straight[cap] > STRAIGHT:
+        return np.array([0.0, -1.0])
+    across = np.stack([chords[:, 1], -chords[:, 0]], axis=1) / np.maximum(np.hypot(*chords.T), 1e-12)[:, None]
+    far = np.abs(np.sum((middles - middles[cap]) * across, axis=1)) * (straight > STRAIGHT) * (sizes > 0.04)
+    hem = int(far.argmax())
+    way = across[hem]
+    return way * (np.sign(way @ (middles[hem] - middles[cap])) or 1.0)
 
 
 def _half_sleeve(panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float) -> Panel:
-    """Half a sleeve that is drawn along u, as the wearer is seen from the front, or along v."""
-    turn = -side * arms
-    across = face * wound
+    """Half a sleeve before or behind the arm."""
+    across = np.array([face * wound, 1.0])
+    way = _reach(panel) * across
+    turn = np.arctan2(-np.sin(arms), side * np.cos(arms)) - np.arctan2(way[1], way[0])
     spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
-    rotation = spin @ np.diag([across, 1.0, across])
-    flat = ring * [across, 1.0]
-    inner = float((side * flat[:, 0]).min()) * side
-    middle = 0.5 * float(flat[:, 1].min() + flat[:, 1].max())
-    at = start + np.array([0, 0.02, face * 0.12]) - spin @ np.array([inner, middle, 0.0])
+    rotation = spin @ np.diag([across[0], 1.0, across[0]])
+    flat = ring * across
+    on, beside = flat @ way, flat @ [-way[1], way[0]]
+    middle = on.min() * way + 0.5 * (beside.min() + beside.max()) * np.array([-way[1], way[0]])
+    at = start + np.array([0, 0, face * DEPTH["sleeve"]]) - spin @ np.array([*middle, 0.0])
     return replace(panel, rotation=rotation, translation=at)
 
 
