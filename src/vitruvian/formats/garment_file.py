@@ -48,6 +48,8 @@ def write_garment(kept: Kept, path: str | os.PathLike[str]) -> None:
     """A file that `read_garment` reads as the same garment, bit for bit."""
     if not Path(path).name.lower().endswith(ENDING):
         raise VitruvianError(f"{path}: expected a name that ends in {ENDING}")
+    if kept.garment.below:
+        raise VitruvianError(f"{path}: {kept.garment.name} is worn over other garments; keep each in a file of its own")
     g, mesh = kept.garment, kept.garment.mesh
     keys = sorted(mesh.edges)
     head = {
