@@ -139,7 +139,7 @@ def _kept(head: Mapping[str, Any], arrays: Mapping[str, Any], path: str) -> Kept
     skin = floats(arrays["skin"], "skin", None, 3)
     matrices = floats(arrays["matrices"], "matrices", None, 4, 4)
     report = _object(head.get("report", {}), "report")
-    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded)
+    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded=graded)
     if len(triangles):
         assert garment.sheet is not None  # a sheet whose triangles have no area is refused here
     return Kept(garment, skin, indices(whole("skin_triangles"), "skin_triangles", len(skin), None, 3))
