@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import vitruvian as vt
+from pages import opened, wait
 from test_dressing import skirt
 from test_glb import assert_clean
 from vitruvian.cli import app
@@ -228,3 +230,30 @@ def test_a_fit_map_is_a_picture_and_a_page(person, made, tmp_path):
     assert record(view, tmp_path / "fit.html")["bytes"] > 100_000
     with pytest.raises(VitruvianError, match="png"):
         sheet(view, tmp_path / "fit.jpg")
+
+
+def test_the_page_switches_between_what_it_knows_of_the_fit(person, made, tmp_path, browser):
+    from vitruvian.show.fit_view import fit_view
+    from vitruvian.show.recording import record
+
+    kept = kept_of(person, made)
+    found = fit_map(made, still(kept.skin, standing(made, vt.pack(person)).triangles))
+    view = fit_view(found, kept.skin, kept.triangles, made.vertices, name="skirt")
+    view = replace(view, findings=tuple(f"place {k}" for k in range(6)))
+    record(view, tmp_path / "fit.html")
+    with opened(browser, (tmp_path / "fit.html").as_uri(), size=(900, 700)) as page:
+        wait(page, "vitruvian.heat && vitruvian.heat.on")
+        title = page.locator("#heat-title")
+        assert title.text_content() == "strain, %"
+        page.get_by_test_id("heat-pressure").click()
+        assert title.text_content() == "pressure, kPa"
+        assert page.evaluate("vitruvian.heat.reach") == pytest.approx(view.layers[1].high)
+        first = page.evaluate("vitruvian.heat.color(0)")
+        assert first == pytest.approx(view.layers[1].ramp[0].tolist(), abs=1e-3)
+        assert page.locator("#heat-ticks span").first.text_content() == "0"
+        page.keyboard.press(":")
+        assert title.text_content() == "ease, mm" and not page.get_by_test_id("heat-map").is_visible()
+        assert (
+            page.locator("#heat-findings > p").count() == 4
+            and "2 more" in page.locator("#heat-findings").text_content()
+        )
