@@ -47,6 +47,7 @@ from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
     demo,
     dressing,
     editing,
+    fabrics,
     files,
     fitting,
     measuring,

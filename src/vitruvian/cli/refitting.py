@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 FitOption = typer.Option(
     None, "--fit-map", metavar="FILE", help="Also write how it fits: .png, .html (a page) or .json (figures)."
 )
+# red, green and blue of clothes worn over each other, innermost first
+COLORS = ((0.33, 0.42, 0.58), (0.86, 0.84, 0.78), (0.52, 0.22, 0.25), (0.30, 0.38, 0.28))
 POLICIES = ("keep_pattern", "grade", "draft")
 
 
@@ -30,16 +32,20 @@ def written(made: Garment, body: Humanoid, out: Path, fit_map: Path | None) -> t
 
     if out.name.lower().endswith(ENDING):
         kept(made, body, out)
-        lost = []
+        lost = [f"{one.name}: worn below {made.name}" for one in made.below]
     else:
         from vitruvian.cloth.garment import charted
         from vitruvian.formats.registry import save
         from vitruvian.modeling.wearing import worn
 
-        uv, corners = charted(made)
-        lost = list(
-            save(worn(body, made.vertices, made.triangles, made.matrices, uv=uv, uv_triangles=corners), out)["lost"]
-        )
+        whole = body
+        for k, one in enumerate((*made.below, made)):
+            uv, corners = charted(one)
+            whole = worn(
+                whole, one.vertices, one.triangles, one.matrices, uv=uv, uv_triangles=corners,
+                name=one.name, color=COLORS[k % len(COLORS)],
+            )  # fmt: skip
+        lost = list(save(whole, out)["lost"])
     if fit_map is None:
         return lost, {}
     found = fit(made, body, fit_map)
