@@ -114,7 +114,7 @@ def tailor(
         "seconds": clock.parts,
     }
     below = tuple(
-        replace(g, report={**g.report, **fitting(g.sheet, g.vertices, room.obstacle, below[:k]))
+        replace(g, report={**g.report, **fitting(g.sheet, g.vertices, room.obstacle, below[:k])})
         for k, g in enumerate(below)
     )
     return Garment(pattern, mesh, weld, vertices, cloths, mannequin.matrices, report, below)
