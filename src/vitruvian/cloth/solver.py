@@ -194,8 +194,8 @@ def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) 
     """In how many steps a frame is to be worked off, `SUBSTEPS` at least and 200 at most.
 
     One pass a step makes cloth softer than its fabric, as fine meshes and long steps do most. give: by which share a cloth
-    as long as the root of its area may grow for that reason when it is hung up; None: as many steps as make the cloth in
-    its rest as stiff as its fabric.
+    as long as the root of its area may grow for that reason when it is hung up; None: as many steps as make the cloth as
+    stiff as its fabric, where it rests.
     """
     area, m = cloth.sheet.areas, cloth.membranes
     real = m.index[:, 0] < len(cloth.inverse_mass)
@@ -203,6 +203,8 @@ def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) 
     size = 0.5 / np.abs(m.rest[:, 0] * m.rest[:, 3] - m.rest[:, 1] * m.rest[:, 2])[real].astype(np.float64)
     if give is None:
         want = np.quantile(cloth.yielding[0] * (1 - CARRY) / m.rest[:, [4, 6]], 0.98) / (1 - LEAST)
+        if len(cloth.hinges.rest):
+            want = max(want, SLOW * np.quantile(cloth.yielding[1] / cloth.hinges.rest[:, 4], 0.98))
     else:
         weight = 9.81 * cloth.sheet.masses.sum() / np.sqrt(area.sum())  # N/m
         want = weight * float(np.mean(own * size)) / give
