@@ -6,22 +6,23 @@ Source: note cloth.md, section 5; seed 003, section 5.1.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import between, from_vector, multiply
 from vitruvian.body.types import Body, Floats, Ints
-from vitruvian.cloth.pattern import Panel, Pattern, area, placed
+from vitruvian.cloth.pattern import Panel, Pattern, area, length, placed
 from vitruvian.cloth.tessellate import PanelMesh
 from vitruvian.deform.deformer import deformer
 from vitruvian.errors import VitruvianError
 
-ARMS = np.radians(30.0)  # below the horizontal: higher than the 45 of most patterns, so that armpits do not crease
+ARMS = np.radians(10.0)  # below the horizontal, nearly a T: cloth under raised arms does not crease in the armpits
 LEGS = np.radians(4.0)
 CLEARANCE = 0.01  # metres between a panel and the skin
+WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
+BAND, THICK = 0.06, 0.003  # metres: what of a waist has to fit, and what it stands off the skin
 FARTHEST = 0.5  # metres that a panel may have to be moved to clear the body
 RISES = np.arange(0, 0.125, 0.01)  # metres by which a pattern may be raised
 DEAR = 1.0  # what a metre of that costs, in metres that seams are deep in the body
@@ -72,7 +73,11 @@ def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
         hip = skeleton.index.get(f"{side}_hip")
         if hip is not None:
             rotation[0, hip] = from_vector(np.array([0.0, 0.0, sign * legs]))
-    matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+    return posed(body, pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0])
+
+
+def posed(body: Body, matrices: Floats) -> Dummy:
+    """A body under matrices (J,4,4) of its joints."""
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
     return Dummy(body, matrices, vertices, _largest(body.skin.triangles, len(vertices)))
 
@@ -98,9 +103,10 @@ def outward(panel: Panel) -> Floats:
 def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance) -> Floats:
     """(n,3) metres: where the vertices of the panels hang around the body before they are sewn.
 
-    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other panels
-    raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards until it is clear of the
-    body. Raises VitruvianError for a panel without a place or that would have to go too far.
+    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other
+    panels raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards, or rolled
+    wider, until it is clear of the body. Raises VitruvianError for a panel without a place or that would have to go too
+    far.
     """
     arm = np.array([_arm(p) for p in pattern.panels])
     moves: list[Move] = [_nowhere] * len(arm)
@@ -108,8 +114,9 @@ def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance
     of = arm[mesh.panel[mesh.pairs]]
     a, b = (first[k] for k in mesh.pairs[(of == 0).all(axis=1)].T)
     share = np.linspace(0.1, 0.9, 7)[:, None, None]
-    way = ((1 - share) * a + share * b).reshape(-1, 3)
-    cost = [np.maximum(ROOM - distance(way + r * UP), 0).sum() + DEAR * r if len(way) else r for r in RISES]
+    way = (((1 - share) * a + share * b).reshape(-1, 3) + RISES[:, None, None] * UP).reshape(-1, 3)
+    blocked = np.maximum(ROOM - distance(way), 0).reshape(len(RISES), -1).sum(axis=1)
+    cost = blocked + DEAR * RISES + _squeezed(pattern, mesh, first, mannequin)
     rise = RISES[int(np.argmin(cost))] * UP
     moves = [lambda x: x + rise] * len(arm)
     for sign, side in ((1, "l"), (-1, "r")):
@@ -121,6 +128,47 @@ def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance
             )
             moves = [move if m else old for m, old in zip(mine, moves)]
     return _cleared(pattern, mesh, distance, moves)
+
+
+def waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
+    """Vertices of the edges that a garment without shoulders hangs by; none for others."""
+    labels = {e.label for p in pattern.panels for e in p.edges}
+    if any(label.endswith(SHOULDERS) for label in labels):
+        return np.zeros(0, np.int32)
+    named = [(k, i) for k, p in enumerate(pattern.panels) for i, e in enumerate(p.edges) if e.label == WAIST]
+    return np.unique(np.concatenate([np.zeros(0, np.int32), *(mesh.edges[key] for key in named)]))
+
+
+def _squeezed(pattern: Pattern, mesh: PanelMesh, points: Floats, mannequin: Dummy) -> Floats:
+    """Metres by which the body is wider round than the band of a garment that hangs by its waist, for each of `RISES`."""
+    top = waist(pattern, mesh)
+    if not len(top):
+        return np.zeros(len(RISES))
+    edges = [(p, i) for p in pattern.panels for i, e in enumerate(p.edges) if e.label == WAIST]
+    long = sum(length(p, i) for p, i in edges)
+    band = np.isin(mesh.panel, np.unique(mesh.panel[top]))
+    high = float(points[top, 1].mean())
+    low = max(float(points[band, 1].min()), high - BAND)
+    girths = [max(_girth(mannequin, y + r) for y in (low, 0.5 * (low + high), high)) for r in RISES]
+    return np.maximum(np.array(girths) + 2 * np.pi * THICK - long, 0)
+
+
+def _girth(mannequin: Dummy, height: float) -> float:
+    """Metres round the trunk at that height, as a tape lies."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    p = mannequin.vertices[mannequin.triangles]
+    above = p[:, :, 1] > height
+    p, above = (q[above.any(axis=1) & ~above.all(axis=1)] for q in (p, above))
+    a, b = p.reshape(-1, 3), np.roll(p, -1, axis=1).reshape(-1, 3)
+    cut = (above != np.roll(above, -1, axis=1)).ravel()
+    share = ((height - a[cut, 1]) / (b[cut, 1] - a[cut, 1]))[:, None]
+    flat = (a[cut] + share * (b[cut] - a[cut]))[:, [0, 2]]
+    flat = flat[np.abs(flat[:, 0]) < 0.7 * abs(mannequin.at("l_elbow")[0])]  # not the arms
+    try:
+        return float(ConvexHull(flat).area)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def _nowhere(points: Floats) -> Floats:
@@ -158,21 +206,32 @@ def _arm(panel: Panel) -> int:
 
 
 def _cleared(pattern: Pattern, mesh: PanelMesh, distance: Distance, moves: Sequence[Move]) -> Floats:
-    out = np.empty((len(mesh.material), 3))
+    """(n,3) the panels where their pattern and `moves` put them, each moved outwards, or rolled wider, until it is clear of
+    the body."""
+    out, mine = np.empty((len(mesh.material), 3)), [np.flatnonzero(mesh.panel == k) for k in range(len(moves))]
     for k, piece in enumerate(pattern.panels):
-        mine = mesh.panel == k
         if piece.rotation is None or piece.translation is None:
             raise VitruvianError(f"panel {piece.name}: expected a place around the body, found none")
-        points, way, moved = moves[k](placed(piece, mesh.material[mine])), outward(piece), 0.0
-        while mine.any():
-            short = CLEARANCE - float(distance(points + moved * way).min())
-            if short <= 0:
-                break
-            moved += max(short, 0.005)
-            if moved > FARTHEST:
-                raise VitruvianError(
-                    f"panel {piece.name}: it is still inside the body {FARTHEST:g} m away from its place; is the unit "
-                    "right, and does it face outwards?"
-                )
-        out[mine] = points + moved * way
+        out[mine[k]] = moves[k](placed(piece, mesh.material[mine[k]]))
+    moved, inside = np.zeros(len(mine)), np.arange(len(mine))
+    while len(inside):
+        some = np.isin(mesh.panel, inside)
+        far = np.full(len(mine), np.inf)
+        np.minimum.at(far, mesh.panel[some], distance(out[some]))
+        inside = np.flatnonzero(far < CLEARANCE)
+        moved[inside] += np.maximum(CLEARANCE - far[inside], 0.005)
+        if (moved > FARTHEST).any():
+            raise VitruvianError(
+                f"panel {pattern.panels[int(moved.argmax())].name}: it is still inside the body {FARTHEST:g} m away from "
+                "its place; is the unit right, and does it face outwards?"
+            )
+        for k in inside:
+            out[mine[k]] = moves[k](placed(_out(pattern.panels[k], moved[k]), mesh.material[mine[k]]))
     return out
+
+
+def _out(panel: Panel, moved: float) -> Panel:
+    """A panel moved outwards by so many metres; one that is rolled keeps its axis and gets that much wider."""
+    assert panel.translation is not None
+    bend = panel.bend / (1 + moved * float(np.hypot(*panel.bend)))
+    return replace(panel, translation=panel.translation + moved * outward(panel), bend=bend)
