@@ -30,8 +30,8 @@ def strip(
 
 
 def lattice(width: int, rows: int, edge: float, cloth: Fabric) -> tuple[Sheet, np.ndarray]:
-    """A strip of equilateral triangles, `width` edges of `edge` metres across and `rows` of them long; its vertices (n,3) in
-    the plane y = 0, along z. Warp along z."""
+    """A strip of equilateral triangles, `width` edges of `edge` metres across and `rows` of them long; its vertices (n,3)
+    in the plane y = 0, along z. Warp along z."""
     i, k = np.meshgrid(np.arange(width + 1), np.arange(rows + 1))
     flat = np.stack([(i + 0.5 * (k % 2)) * edge, k * edge * np.sqrt(0.75)], axis=-1).reshape(-1, 2)
     a = np.arange(width) + (width + 1) * np.arange(rows)[:, None]

@@ -107,9 +107,9 @@ def test_an_upright_strip_stands_up_to_greenhill_s_length(rows, falls):
 @pytest.mark.parametrize("rows", [10, 16])
 @pytest.mark.parametrize("load", [0.9, 1.1])
 def test_a_strip_held_at_both_ends_buckles_at_euler_s_load(rows, load):
-    """4 pi^2 B / L^2; pressed by as much as makes 0.9 and 1.1 of that load. Below it a bow of a thousandth goes away; above it
-    the strip bows out by what it was pressed. Hinges couple both curvatures as a plate of Poisson ratio 1/3 does: a narrow
-    strip, free to bend across, is softer by 1/9, a cylinder is not."""
+    """4 pi^2 B / L^2; pressed by as much as makes 0.9 and 1.1 of that load. Below it a bow of a thousandth goes away; above
+    it the strip bows out by what it was pressed. Hinges couple both curvatures as a plate of Poisson ratio 1/3 does: narrow
+    strips, free to bend across, are softer by 1/9, cylinders are not."""
     long, bend, stretch = 0.4, 2e-3, 40.0
     critical = (1 - 1 / 9) * 4 * np.pi**2 * bend / long**2 / stretch  # strain
     edge = long / ((rows + 1) * ROW)
@@ -127,6 +127,20 @@ def test_a_strip_held_at_both_ends_buckles_at_euler_s_load(rows, load):
     out = np.abs(now[:, 1]).max() / long
     expected = 2 / np.pi * np.sqrt(0.1 * critical)
     assert out == pytest.approx(expected, rel=0.25) if load > 1 else out < 0.5 * expected
+
+
+@pytest.mark.parametrize("size", [0.03, 0.02])
+def test_a_sheet_sinks_in_still_air_as_fast_as_its_drag_bears_it(size):
+    """Flat: sqrt(2 w g / (rho Cd)) = 1.168 m/s with 0.1 kg/m2; a wind across a flat sheet drives it to its own speed."""
+    sheet, x = strip(0.2, 0.2, size, density=0.1)
+    cloth = assemble(sheet)
+    falling, driven = (cloth.state(p) for p in (x[:, [0, 2, 1]], x))
+    for _ in range(120):
+        falling = step(cloth, falling, damping=0.0, wind=(0, 0, 0))
+    for _ in range(300):
+        driven = step(cloth, driven, damping=0.0, gravity=NONE, wind=(1.0, 0.0, 2.0))
+    assert -falling.v[:, 1].mean() == pytest.approx(np.sqrt(2 * 0.1 * G / (1.2 * 1.2)), rel=0.02)
+    assert driven.v[:, 2].mean() == pytest.approx(2.0, rel=0.1) and np.abs(driven.v[:, 0]).max() < 0.05
 
 
 def energy(cloth: Cloth, state: State) -> float:
