@@ -81,8 +81,9 @@ def test_free_fall_is_that_of_the_symplectic_step():
     assert state.x[:, 1] - x[:, 1] == pytest.approx(-9.81 * t * (t + h) / 2, abs=1e-5)
 
 
-def test_momentum_and_angular_momentum_stay():
-    sheet, x = strip(0.2, 0.2, 0.02)
+@pytest.mark.parametrize("size", [0.03, 0.02])
+def test_momentum_and_angular_momentum_stay(size):
+    sheet, x = strip(0.2, 0.2, size)
     cloth, masses = assemble(sheet), sheet.masses[:, None]
     middle = (masses * x).sum(axis=0) / masses.sum()
     v = np.cross([0.3, 2.0, 1.0], x - middle) + [0.2, 0.1, -0.3]
@@ -95,18 +96,6 @@ def test_momentum_and_angular_momentum_stay():
     centre = (masses * now).sum(axis=0) / masses.sum()
     assert np.abs((masses * fast).sum(axis=0) - linear).max() < 1e-3 * np.linalg.norm(linear)
     assert np.abs(np.cross(now - centre, masses * fast).sum(axis=0) - angular).max() < 5e-3 * np.linalg.norm(angular)
-
-
-def test_a_cloth_hangs_under_its_own_weight():
-    """1 m, 0.2 kg/m2, 1000 N/m: longer by w g L^2 / (2 E) = 0.981 mm (note cloth.md, section 11). One pass a substep leaves
-    cloth softer than it is, by less the smaller the steps; single precision ends that at about 100 of them."""
-    longer = []
-    for substeps in (20, 40, 80):
-        sheet, x = strip(0.1, 1.0, 0.03, stretch_u=1000.0, stretch_v=1000.0, poisson=0.0, density=0.2)
-        cloth = assemble(sheet, pinned=np.flatnonzero(x[:, 1] > 1 - 1e-9))
-        state = settled(cloth, cloth.state(x - [0, 1, 0]), 6, damping=8.0, substeps=substeps)
-        longer.append(-(state.x[x[:, 1] < 1e-9, 1] + 1).mean())
-    assert longer[0] > longer[1] > longer[2] == pytest.approx(0.981e-3, rel=0.15)
 
 
 def pulled(sheet, x, pull):
@@ -128,11 +117,12 @@ def pulled(sheet, x, pull):
     return np.polyfit(x[middle, 1], state.x[middle, 1], 1)[0] - 1
 
 
+@pytest.mark.parametrize("size", [0.02, 0.015])
 @pytest.mark.parametrize(("grain", "modulus"), [(0.0, 500.0), (np.pi / 2, 1000.0), (np.pi / 4, 317.46)])
-def test_a_strip_pulled_is_as_stiff_as_its_fabric_in_that_direction(grain, modulus):
+def test_a_strip_pulled_is_as_stiff_as_its_fabric_in_that_direction(grain, modulus, size):
     """Eu 1000, Ev 500, nu 0.2, G 100 N/m; along the bias 1/E = c^4/Eu + s^4/Ev + (1/G - 2 nu/Eu) s^2 c^2."""
     more = {"stretch_u": 1000.0, "stretch_v": 500.0, "shear": 100.0, "poisson": 0.2}
-    sheet, x = strip(0.06, 0.24, 0.02, grain=grain, **more)
+    sheet, x = strip(0.06, 0.24, size, grain=grain, **more)
     assert 1.0 / pulled(sheet, x, 1.0) == pytest.approx(modulus, rel=0.03)
 
 
@@ -158,8 +148,9 @@ def test_the_energy_of_a_bent_cylinder(angle):
     assert fine == pytest.approx(1, abs=0.08) and coarse == pytest.approx(1, abs=0.15)
 
 
-def test_a_cloth_falls_over_a_ball_and_stays_outside():
-    sheet, x = strip(0.6, 0.6, 0.025, density=0.2)
+@pytest.mark.parametrize("size", [0.025, 0.018])
+def test_a_cloth_falls_over_a_ball_and_stays_outside(size):
+    sheet, x = strip(0.6, 0.6, size, density=0.2)
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.15)
     obstacle = still(np.array(ball.vertices), np.array(ball.faces, np.int32))
     cloth = assemble(sheet, gap=0.002)
@@ -169,13 +160,14 @@ def test_a_cloth_falls_over_a_ball_and_stays_outside():
     assert np.quantile(np.abs(strains(sheet, state.x)), 0.99) < 0.05
 
 
+@pytest.mark.parametrize("size", [0.02, 0.014])
 @pytest.mark.parametrize("slides", [False, True])
-def test_cloth_slides_on_a_slope_that_is_steeper_than_its_friction(slides):
+def test_cloth_slides_on_a_slope_that_is_steeper_than_its_friction(slides, size):
     """30 degrees, from rest, 1 s: g (sin a - mu cos a) / 2 = 1.178 m with mu 0.3, nothing with mu 0.7."""
     mu, angle = (0.3, np.radians(30)) if slides else (0.7, np.radians(30))
     board = trimesh.creation.box(extents=[8.0, 0.2, 2.0])
     obstacle = still(np.array(board.vertices) - [0, 0.1, 0], np.array(board.faces, np.int32))
-    sheet, x = strip(0.1, 0.1, 0.02, friction_body=mu)
+    sheet, x = strip(0.1, 0.1, size, friction_body=mu)
     cloth = assemble(sheet)
     start = np.stack([x[:, 0], np.full(len(x), obstacle.offset), x[:, 1]], axis=1)
     gravity = (9.81 * np.sin(angle), -9.81 * np.cos(angle), 0.0)
@@ -210,16 +202,6 @@ def test_the_same_twice_and_whatever_else_is_there():
     cloth = assemble(sheet, pinned=[0], gap=0.002)
     one, two = (settled(cloth, cloth.state(x), 0.3) for _ in range(2))
     assert np.array_equal(one.x, two.x)
-
-
-def test_turned_with_gravity_it_is_the_same():
-    sheet, x = strip(0.2, 0.2, 0.02)
-    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
-    cloth = assemble(sheet, pinned=[0])
-    tilted = x + 0.01 * np.stack([np.zeros(len(x)), np.zeros(len(x)), np.sin(20 * x[:, 0])], axis=1)
-    plain = settled(cloth, cloth.state(tilted), 0.1)
-    other = settled(cloth, cloth.state(tilted @ turn.T), 0.1, gravity=tuple(turn @ [0, -9.81, 0]))
-    assert np.abs(other.x - plain.x @ turn.T).max() < 1e-3
 
 
 def test_colours_share_no_vertex_and_groups_keep_everything():

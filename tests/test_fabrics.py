@@ -48,6 +48,7 @@ def test_tensile_curves_give_the_secant_at_a_worn_load():
 
 
 @kernel
+@pytest.mark.slow
 def test_discs_drape_as_those_of_cusick():
     """The stiffer, the larger the shadow, up to 1; limp ones fold more. At two resolutions the same."""
     stiff = [replace(COTTON, bend_u=b, bend_v=b) for b in (3e-6, 1e-5, 3e-5, 1e-3)]
@@ -61,6 +62,7 @@ def test_discs_drape_as_those_of_cusick():
 
 
 @kernel
+@pytest.mark.slow
 def test_a_drape_coefficient_is_found_again():
     made = draping_so(replace(COTTON, bend_u=1e-6, bend_v=1e-6), 0.6, rounds=5)
     assert draped(made).coefficient == pytest.approx(0.6, abs=0.03)

@@ -21,6 +21,7 @@ from vitruvian.native import kernels
 Single = NDArray[np.float32]
 FRAME, SUBSTEPS = 1 / 60, 20
 GRAVITY = (0.0, -9.81, 0.0)
+AIR, DRAG = 1.2, 1.2  # kg/m3, and the drag coefficient of a plate across the wind
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
 FIRM = 1.5  # gaps: what was so near is on the side where it was, whatever a frame makes of it
 HURRY, SUDDEN = 1.5, 4.9  # what is near may be so much faster in the coming frame, and m/s^2 that set it moving
@@ -134,11 +135,13 @@ def step(
     targets: ArrayLike | None = None,
     pairs: Pairs | None = None,
     obstacle: Obstacle | None = None,
+    wind: ArrayLike | None = None,
 ) -> State:
     """The state after `dt` seconds.
 
     damping 1/s (None: the fabrics' mean); targets (k,3): where pinned vertices are at the end; pairs: what is sewn
-    meanwhile; obstacle: the body in this frame. Where the cloth has a gap its parts do not pass through each other.
+    meanwhile; obstacle: the body in this frame; wind (3,) m/s: the air (None: there is none). Where the cloth has a
+    gap its parts do not pass through each other.
     """
     require(
         0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}"
@@ -146,6 +149,8 @@ def step(
     n, sheet = len(cloth.inverse_mass), cloth.sheet
     x, v, d = (np.zeros((n + 1, 4), np.float32) for _ in range(3))
     x[:n, :3], x[:n, 3], v[:n, :3] = state.x, cloth.inverse_mass, state.v
+    if wind is not None:
+        v[:n, :3] += blown(cloth, state, floats(wind, "wind", 3), dt)
     if damping is None:
         damping = float(np.mean([f.damping for f in sheet.fabrics]))
     path = np.zeros((len(cloth.pinned), 6), np.float32)
@@ -194,8 +199,8 @@ def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) 
     """In how many steps a frame is to be worked off, `SUBSTEPS` at least and 200 at most.
 
     One pass a step makes cloth softer than its fabric, as fine meshes and long steps do most. give: by which share a cloth
-    as long as the root of its area may grow for that reason when it is hung up; None: as many steps as make the cloth in
-    its rest as stiff as its fabric.
+    as long as the root of its area may grow for that reason when it is hung up; None: as many steps as make the cloth as
+    stiff as its fabric, where it rests.
     """
     area, m = cloth.sheet.areas, cloth.membranes
     real = m.index[:, 0] < len(cloth.inverse_mass)
@@ -203,10 +208,30 @@ def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) 
     size = 0.5 / np.abs(m.rest[:, 0] * m.rest[:, 3] - m.rest[:, 1] * m.rest[:, 2])[real].astype(np.float64)
     if give is None:
         want = np.quantile(cloth.yielding[0] * (1 - CARRY) / m.rest[:, [4, 6]], 0.98) / (1 - LEAST)
+        if len(cloth.hinges.rest):
+            want = max(want, SLOW * np.quantile(cloth.yielding[1] / cloth.hinges.rest[:, 4], 0.98))
     else:
         weight = 9.81 * cloth.sheet.masses.sum() / np.sqrt(area.sum())  # N/m
         want = weight * float(np.mean(own * size)) / give
     return int(np.clip(np.ceil(dt * np.sqrt(want)), SUBSTEPS, 200))
+
+
+def blown(cloth: Cloth, state: State, wind: Floats, dt: float) -> Floats:
+    """(n,3) m/s that the air gives each vertex in `dt` seconds: its pressure on each triangle, 1/2 rho Cd A times the
+    square of the speed along the normal at which they meet. No triangle gets faster than the air by that."""
+    t, x, v = cloth.sheet.triangles, state.x.astype(np.float64), state.v.astype(np.float64)
+    normal = 0.5 * np.cross(x[t[:, 1]] - x[t[:, 0]], x[t[:, 2]] - x[t[:, 0]])
+    area = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(area, 1e-30)[:, None]
+    meet = np.sum((wind - v[t].mean(axis=1)) * normal, axis=1)
+    density = np.array([f.density for f in cloth.sheet.fabrics])[cloth.sheet.fabric]
+    push = 0.5 * AIR * DRAG * area * np.abs(meet) * dt  # N s, over meet
+    push = np.minimum(push, density * cloth.sheet.areas) * meet
+    out = np.zeros_like(x)
+    for k in range(3):
+        for j in range(3):
+            out[:, j] += np.bincount(t[:, k], push * normal[:, j] / 3, len(x))
+    return out * cloth.inverse_mass[:, None]
 
 
 def _weight(hinges: Groups, inverse_mass: Single) -> Floats:
