@@ -33,7 +33,9 @@ HELD = 0.2  # of what a waist has slipped while it is sewn is put right each fra
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
+LOOK = 0.15  # seconds between two looks at cloth that moves
 Progress = Callable[[str, float], None]
+Watch = Callable[[Floats, Ints], None]
 
 
 def tailor(
@@ -45,13 +47,15 @@ def tailor(
     arms: float = ARMS,
     gap: float | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Garment:
     """A pattern sewn and draped on a body.
 
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
     fabric's thickness, 1 mm at least);
-    progress(what, share) is called now and then.
+    progress(what, share) is called now and then; watch(positions (n,3), triangles (m,3)) a few times a second, with how
+    the cloth moves. What they raise ends the work.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
@@ -71,11 +75,11 @@ def tailor(
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
     sewing = assemble(sewn(mesh, None, smooth))
-    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress, watch)
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
-    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress)
+    rest, settled = _draped(cloth, cloth.state(positions), obstacle, progress, watch)
     clock("drape")
     triangles = weld[mesh.triangles]
     vertices = untangle(rest.x, triangles, obstacle=obstacle).positions
@@ -122,6 +126,18 @@ class _Clock:
         self.parts[name], self.last = now - self.last, now
 
 
+class _Looks:
+    """Shows cloth that moves to who watches, a few times a second."""
+
+    def __init__(self, watch: Watch | None, cloth: Cloth) -> None:
+        self.watch, self.triangles, self.last = watch, cloth.sheet.triangles, 0.0
+
+    def __call__(self, state: State) -> None:
+        if self.watch and time.perf_counter() - self.last > LOOK:
+            self.watch(state.x.astype(np.float64), self.triangles)
+            self.last = time.perf_counter()
+
+
 def _fabric(name: str, usual: str | Fabric) -> Fabric:
     if name:
         return fabric_named(name)
@@ -138,13 +154,19 @@ def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
 
 
 def _sewn(
-    cloth: Cloth, mesh: PanelMesh, flat: Floats, obstacle: Obstacle, waist: Ints, progress: Progress | None
+    cloth: Cloth,
+    mesh: PanelMesh,
+    flat: Floats,
+    obstacle: Obstacle,
+    waist: Ints,
+    progress: Progress | None,
+    watch: Watch | None = None,
 ) -> tuple[State, Floats]:
     """The panels drawn together along their seams, without gravity, and how far apart each pair is left, metres."""
     a, b = mesh.pairs.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
     state, frames = cloth.state(flat), round(SEWING / FRAME)
-    apart = first
+    apart, look = first, _Looks(watch, cloth)
     for k in range(2 * frames):
         low, high = (first * (1 - _smooth(min(1.0, (k + j) / frames))) for j in (0, 1))
         pairs = Pairs(mesh.pairs, low, high)
@@ -154,6 +176,7 @@ def _sewn(
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
+        look(state)
         if k >= frames and apart.max(initial=0) < CLOSED:
             break
     return state, apart
@@ -168,15 +191,19 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
     return np.stack([np.bincount(weld, positions[:, k]) / count for k in range(3)], axis=1)
 
 
-def _draped(cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None) -> tuple[State, bool]:
+def _draped(
+    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None = None
+) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
+    look = _Looks(watch, cloth)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
         speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)
+        look(state)
         if np.mean(speeds) < STILL:
             return state, True
     return state, False
