@@ -148,9 +148,33 @@ PATTERN = """{"pattern": {"panels": {
 "properties": {"units_in_meter": 100, "curvature_coords": "relative"}}"""
 
 
+OWN_PATTERN = """{"vitruvian_pattern": 1, "name": "tube", "panels": [
+{"name": "front", "label": "body", "fabric": "", "order": 1, "grain": [0, 1], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+"translation": [0, 1, 0.2], "vertices": [[0, 0], [0.3, 0], [0.3, 0.4]],
+"edges": [{"ends": [0, 1], "kind": "line"}, {"ends": [1, 2], "kind": "arc", "points": [[0.32, 0.2]], "label": "armhole"},
+{"ends": [2, 0], "kind": "polyline", "points": [[0.2, 0.3], [0.1, 0.2]]}]},
+{"name": "back", "vertices": [[0, 0], [0.2, 0], [0.1, 0.2]], "edges": [{"ends": [0, 1]},
+{"ends": [1, 2], "kind": "quadratic", "points": [[0.1, 0.1]]}, {"ends": [2, 0]}]}],
+"seams": [{"a": [["front", 0, 0, 0.5]], "b": [["back", 1]], "reversed": true, "kind": "gather", "open": false}],
+"buttons": [{"a": ["front", [0.1, 0.1]], "b": ["back", [0.1, 0.1]]}], "measures": {"chest": 0.9}, "extra": {"a": [1]}}"""
+
+
+DRAFT = """{"units": "mm", "parts": {"x.front": {"points": {"a": [0, 0], "b": [100, 0]}, "paths": {
+"seam": {"class": "fabric", "ops": [{"type": "move", "to": [0, 0]}, {"type": "line", "to": [0, 100]},
+{"type": "curve", "cp1": [50, 120], "cp2": [90, 110], "to": [100, 100]}, {"type": "line", "to": [100, 0]},
+{"type": "close"}]},
+"__macro_cutonfold_x_line": {"class": "note", "ops": [{"type": "move", "to": [0, 0]}, {"type": "line", "to": [0, 100]}]}},
+"snippets": {"n": {"def": "notch", "at": [100, 40]}}}}}"""
+DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="200mm" viewBox="0 0 300 200">
+<g id="a" transform="translate(10,10) rotate(30)">
+<path class="cloth" d="M0 0h100v50C60 60 30 40 0 50zM20 20h20v20h-20z"/></g>
+<g transform="scale(2)"><path d="m9,9a5,3 20 0130,0q9 9 12-4t3 3l-9-9z"/><rect x="1" y="1" width="40" height="3e1"/></g>
+<polygon points="0,0 50,0 20,60"/><circle cx="9" cy="9" r="20"/><use href="#notch" x="3" y="4"/></svg>"""
+
+
 def _captures(known: set[str]) -> Iterator[Source]:
     """Files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim,
-    a pattern of GarmentCode."""
+    patterns, which a figure is not."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
     from capture_maker import ASF, LABELS, MARKS, SHANK, THIGH, c3d, cloud, model
 
@@ -162,6 +186,9 @@ def _captures(known: set[str]) -> Iterator[Source]:
         ".osim": model(THIGH, SHANK, markers=MARKS).encode(),
         ".mot": table.encode(),
         ".garmentcode.json": PATTERN.encode(),
+        ".pattern.json": OWN_PATTERN.encode(),
+        ".freesewing.json": DRAFT.encode(),
+        ".svg": DRAWING.encode(),
         ".sto": table.encode(),
     }
     for extension in sorted(known & set(made)):

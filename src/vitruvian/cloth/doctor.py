@@ -180,6 +180,7 @@ def _sides(k: int, seam: Seam, panels: dict[str, Panel]) -> Iterator[Finding]:
         said = f"seam {k}: {100 * a:.1f} cm are sewn to {100 * b:.1f} cm; if that is meant, call it {kind}"
         yield Finding("P07", WARNING, said, first.panel, first.edge)
     labels = {panels[s.panel].edges[s.edge].label for s in (*seam.a, *seam.b)} - {""}
+    labels = {label for label in labels if ".." not in label}  # the names of its ends are not what it is for
     if len(labels) > 1:
         said = f"seam {k} joins edges labelled {' and '.join(sorted(labels))}"
         yield Finding("P13", WARNING, said, first.panel, first.edge)

@@ -169,8 +169,7 @@ def length(panel: Panel, edge: int) -> float:
     if e.kind == "arc":
         center, start, angle = _arc(a, e.points[0], b)
         return float(np.hypot(*(a - center)) * abs(angle)) if angle else float(np.hypot(*(b - a)))
-    knots = _knots(e, a, b)
-    return float(np.hypot(*np.diff(knots, axis=0).T).sum())
+    return float(np.hypot(*np.diff(knots(e, a, b), axis=0).T).sum())
 
 
 def along(panel: Panel, edge: int, t: object) -> Floats:
@@ -186,12 +185,18 @@ def along(panel: Panel, edge: int, t: object) -> Floats:
         else:
             out = a + t[:, None] * (b - a)
     else:
-        knots = _knots(e, a, b)
-        steps = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
+        way = knots(e, a, b)
+        steps = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
         at = t * steps[-1]
-        out = np.stack([np.interp(at, steps, knots[:, 0]), np.interp(at, steps, knots[:, 1])], axis=-1)
+        out = np.stack([np.interp(at, steps, way[:, 0]), np.interp(at, steps, way[:, 1])], axis=-1)
     out[t == 0], out[t == 1] = a, b
     return out
+
+
+def arc(panel: Panel, edge: int) -> tuple[Floats, float, float]:
+    """Centre (2,) metres, start angle and signed angle of an edge that is an arc; angle 0: a straight line."""
+    a, b = ends(panel, edge)
+    return _arc(a, panel.edges[edge].points[0], b)
 
 
 def outline(panel: Panel, loop: list[int], step: float = 0.002) -> Floats:
@@ -221,12 +226,12 @@ def _area(panel: Panel, loop: list[int]) -> float:
             total += 0.5 * (a[0] * b[1] - a[1] * b[0])
             total += 0.5 * float(np.sum((a - center) ** 2)) * (angle - np.sin(angle)) if angle else 0.0
         else:
-            p = _knots(e, a, b)
+            p = knots(e, a, b)
             total += 0.5 * float(np.sum(p[:-1, 0] * p[1:, 1] - p[:-1, 1] * p[1:, 0]))
     return total
 
 
-def _knots(e: Edge, a: Floats, b: Floats) -> Floats:
+def knots(e: Edge, a: Floats, b: Floats) -> Floats:
     """Points along a line, polyline or Bezier; chords of the latter."""
     if e.kind in ("line", "polyline"):
         return np.concatenate([a[None], e.points, b[None]])

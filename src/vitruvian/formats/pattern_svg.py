@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vitruvian.body.types import Floats
-from vitruvian.cloth.pattern import Panel, Pattern, along, area, ends, length, loops, outline
+from vitruvian.cloth.pattern import Panel, Pattern, along, arc, area, ends, length, loops, outline
 from vitruvian.formats.atomic import atomic
 
 MARGIN, GAP = 12.0, 14.0  # mm around the drawing and between panels
@@ -76,6 +76,37 @@ def _path(points: Floats, closed: bool = False) -> str:
     return "M" + "L".join(f"{x:.2f},{y:.2f}" for x, y in points) + ("Z" if closed else "")
 
 
+def _curves(panel: Panel, loop: list[int], move: Floats) -> str:
+    """Path data of a loop with its curves, to a tenth of a micrometre."""
+    out: list[str] = []
+    for i in loop:
+        edge = panel.edges[i]
+        a, b = (_page(p) + move for p in ends(panel, i))
+        inner = _page(edge.points) + move
+        if not out:
+            out.append(f"M{_at(a)}")
+        if edge.kind == "arc":
+            center, _, angle = arc(panel, i)
+            radius = 1000 * float(np.hypot(*(ends(panel, i)[0] - center)))
+            if not angle:
+                out.append(f"L{_at(b)}")
+            elif abs(angle) < 1.99 * np.pi:
+                out.append(f"A{radius:.4f} {radius:.4f} 0 {int(abs(angle) > np.pi)} {int(angle < 0)} {_at(b)}")
+            else:  # an arc that ends where it began is none in SVG
+                half = f"A{radius:.4f} {radius:.4f} 0 0 {int(angle < 0)} "
+                out.append(f"{half}{_at(inner[0])}{half}{_at(b)}")
+        elif edge.kind == "polyline":
+            out += [f"L{_at(p)}" for p in (*inner, b)]
+        else:
+            letter = {"line": "L", "quadratic": "Q", "cubic": "C"}[edge.kind]
+            out.append(letter + " ".join(_at(p) for p in (*inner, b)))
+    return "".join(out) + "Z"
+
+
+def _at(point: Floats) -> str:
+    return f"{point[0]:.4f},{point[1]:.4f}"
+
+
 def _seams(pattern: Pattern) -> Sewn:
     """For each edge its seams: number, colour, from and to, and whether the seam runs along it."""
     out: Sewn = {}
@@ -91,9 +122,10 @@ def _seams(pattern: Pattern) -> Sewn:
 def _panel(
     panel: Panel, move: Floats, seams: dict[tuple[str, int], list[tuple[int, str, float, float, bool]]]
 ) -> list[str]:
-    out = ["<g>"]
+    out = [f'<g id="{escape(panel.name)}">']
     shapes = [_page(outline(panel, loop)) + move for loop in loops(panel)]
-    out.append(f'<path class="cloth" fill-rule="evenodd" d="{"".join(_path(s, True) for s in shapes)}"/>')
+    curves = "".join(_curves(panel, loop, move) for loop in loops(panel))
+    out.append(f'<path class="cloth" fill-rule="evenodd" d="{curves}"/>')
     middle = shapes[0].mean(axis=0) if shapes else move
     for i in range(len(panel.edges)):
         curve = _page(along(panel, i, np.linspace(0, 1, 2 if panel.edges[i].kind == "line" else 49))) + move

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vitruvian.hanim.graph import Scene
     from vitruvian.hanim.humanoid import Humanoid
 
-GARMENTCODE = ".garmentcode.json"  # not an extension that files have: what .json files are read as
+GARMENTCODE, PATTERN, FREESEWING = ".garmentcode.json", ".pattern.json", ".freesewing.json"  # what .json may be
 # extension -> module and function; scenes hold humanoids, the others answer their noun at once
 SCENES = {
     ".x3d": ("x3d", "read_x3d"),
@@ -25,7 +25,7 @@ SCENES = {
     ".x3dj": ("x3d_json", "read_json"),
 }
 # A .json file is what its key on top says: key -> extension of the same kind
-JSON_KINDS = {"X3D": ".x3dj", "pattern": GARMENTCODE}
+JSON_KINDS = {"X3D": ".x3dj", "pattern": GARMENTCODE, "vitruvian_pattern": PATTERN, "parts": FREESEWING}
 READERS = {
     ".bvh": ("bvh", "read_bvh"),
     ".amc": ("asf", "read_amc"),
@@ -38,6 +38,9 @@ READERS = {
     ".sto": ("storage", "read_storage"),
     ".osim": ("osim", "read_osim"),
     GARMENTCODE: ("garmentcode", "read_garmentcode"),
+    PATTERN: ("pattern_file", "read_pattern"),
+    FREESEWING: ("freesewing", "read_freesewing"),
+    ".svg": ("freesewing", "read_svg"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
@@ -153,7 +156,8 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     """What a file holds, by its extension: `Humanoid` (.x3d .x3dv .x3dj .wrl, .usd*), `Motion` (.bvh .amc .npz),
     `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
     glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
-    {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode.
+    {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode, {"parts": ...} one of FreeSewing,
+    {"vitruvian_pattern": ...} one of ours; .svg drawings are patterns too.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,
@@ -195,14 +199,20 @@ def save(
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
     `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
+    A Pattern is written as .pattern.json, or drawn as .svg.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
     """
+    from vitruvian.cloth.pattern import Pattern
     from vitruvian.motion.markers import Markers
     from vitruvian.motion.types import Motion
     from vitruvian.stage.clip import Mesh
 
     path = Path(path)
     form = extension(path)
+    if isinstance(thing, Pattern):
+        from vitruvian.formats.pattern_file import write_any
+
+        return {"lost": write_any(thing, path), "pruned_weights": 0, "max_vertex_error_m": 0.0}
     if form not in WRITERS:
         raise VitruvianError(f"{path}: can't write this kind of file; expected one of {', '.join(WRITERS)}")
     if not path.parent.is_dir():
