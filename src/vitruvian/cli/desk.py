@@ -58,6 +58,7 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
     """A pattern on the desk, for a body, with what was not saved last time."""
     from vitruvian.body.pack import pack
     from vitruvian.cli.dressing import _bare, pattern_of
+    from vitruvian.cloth.dimensions import fitted
     from vitruvian.formats.pattern_file import write_any
     from vitruvian.modeling.measures import measures
     from vitruvian.show.editing import EMPTY, Editing
@@ -69,6 +70,9 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
             start = pattern_of(save, figure)
     else:
         start = pattern_of(source, figure)
+    known = measures(figure).values
+    if start is not EMPTY:
+        start = fitted(start, known)  # what is said by measures of a body is said of this one
     if save is None and source.name.lower().endswith(".pattern.json"):
         save = source
     draft = _draft(save or source)
@@ -79,7 +83,7 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
     return Editing(
         start,
         pack(figure),
-        measures=measures(figure).values,
+        measures=known,
         where="" if save is None else save.name,
         save=write,
         exports=exports(),

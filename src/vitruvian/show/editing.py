@@ -23,6 +23,7 @@ from vitruvian.cloth.placing import Dummy, dummy
 from vitruvian.cloth.proposals import proposals
 from vitruvian.cloth.sheet import strains
 from vitruvian.cloth.tailor import tailor
+from vitruvian.cloth.tessellate import tessellate
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_file import document, pattern_from
 from vitruvian.show.wire import VERSION, Block, encode, quantise
@@ -225,6 +226,8 @@ class _Drape:
     def _run(self) -> None:
         self._tell("drape", {"state": "falling"})
         try:
+            mesh = tessellate(self.pattern, self.size)
+            self.panel = mesh.panel[mesh.triangles[:, 0]].astype(np.uint16)  # of each triangle, welded or not
             made = tailor(
                 self.pattern, self.desk.body, fabric=self.fabric, size=self.size, progress=self._hear, watch=self._see
             )
@@ -250,14 +253,13 @@ class _Drape:
 
     def _surface(self, positions: Floats, triangles: Ints) -> list[Block]:
         q, scale, origin = quantise(positions)
-        return [Block("vertices", q, "", scale, origin), Block("triangles", triangles.astype(np.uint32))]
+        flat = triangles.astype(np.uint32)
+        return [Block("vertices", q, "", scale, origin), Block("triangles", flat), Block("panel", self.panel)]
 
     def _worn(self, made: Garment) -> list[Block]:
-        """The garment as it hangs: which panel each triangle is of, and how much it is stretched at each vertex."""
+        """The garment as it hangs, and how much it is stretched at each vertex."""
         long = strains(made.sheet, made.vertices).reshape(3, -1).max(axis=0)
         most = np.zeros(len(made.vertices))
         np.add.at(most, made.triangles.ravel(), np.repeat(np.maximum(long, 0), 3))
         most /= np.maximum(np.bincount(made.triangles.ravel(), minlength=len(most)), 1)
-        panel = made.mesh.panel[made.mesh.triangles[:, 0]]
-        blocks = [Block("panel", panel.astype(np.uint16)), Block("strain", most.astype(np.float32))]
-        return self._surface(made.vertices, made.triangles) + blocks
+        return [*self._surface(made.vertices, made.triangles), Block("strain", most.astype(np.float32))]

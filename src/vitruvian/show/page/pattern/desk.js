@@ -3,6 +3,7 @@
 
 import { VERSION, decode } from "../wire.js";
 import { clean, follow } from "./pairs.js";
+import { applyDimensions } from "./shaping.js";
 
 const PIECE = 24000; // characters of a message at most
 const PAUSE = 200; // milliseconds after a change until the server hears of it
@@ -30,6 +31,7 @@ export class Desk {
     let answer;
     try { answer = act(doc); } catch (error) { this.tell("notice", error.message); return undefined; }
     if (this.symmetric) follow(doc, JSON.parse(before));
+    applyDimensions(doc, this.measures);
     this.settle(before, doc, key);
     return answer;
   }
@@ -61,7 +63,7 @@ export class Desk {
     this.held = null;
     const doc = this.doc;
     this.doc = JSON.parse(held);
-    if (keep) this.settle(held, doc);
+    if (keep) { applyDimensions(doc, this.measures); this.settle(held, doc); }
     if (!keep || JSON.stringify(doc) === held) this.tell("drawn");
   }
 

@@ -3,11 +3,13 @@
 import { css, oklch } from "../colors.js";
 import { along, area, box, controls, ends, length, mix, sidePoints, sub, unit } from "./geometry.js";
 import { named } from "./measures.js";
+import { halves } from "./pairs.js";
 import { dimensionOf } from "./shaping.js";
 
 export const cm = (metres, digits = 1) => (100 * metres).toFixed(digits);
-export const seamColor = (k) => css(oklch(0.6, 0.17, (40 + k * 137.508) % 360));
-export const clothColor = (k) => oklch(0.89, 0.035, (85 + k * 137.508) % 360);
+export const seamRgb = (k) => oklch(0.6, 0.17, (40 + k * 137.508) % 360);
+export const seamColor = (k) => css(seamRgb(k));
+export const clothColor = (k) => oklch(0.87, 0.045, (85 + k * 137.508) % 360);
 
 const INK = { dark: { mat: "#232b2c", fine: "rgb(255 255 255 / 0.035)", thick: "rgb(255 255 255 / 0.075)", soft: "rgb(255 255 255 / 0.4)", on: "#8fd0c8", rim: "rgb(0 0 0 / 0.45)" },
   light: { mat: "#d4dad7", fine: "rgb(0 0 0 / 0.045)", thick: "rgb(0 0 0 / 0.1)", soft: "rgb(0 0 0 / 0.45)", on: "#0f766b", rim: "rgb(0 0 0 / 0.25)" } };
@@ -33,6 +35,7 @@ export class Drawing {
     const chosen = selection && desk.panel(selection.panel);
     if (chosen) this.handles(chosen);
     this.hovered();
+    if (board.hinted) for (const [name, i, t0, t1] of [...board.hinted.a, ...board.hinted.b]) if (desk.panel(name)?.edges[i]) this.line(desk.panel(name), this.curve(desk.panel(name), i, t0, t1), "#ff5fa2", 5);
     board.tool?.draw?.(this);
     this.guides();
     this.rulers(w, h);
@@ -119,11 +122,14 @@ export class Drawing {
       c.save();
       c.translate(x, y);
       if (wide < 0.7 * tall && c.measureText(panel.name).width > wide - 16) c.rotate(-Math.PI / 2);
-      c.fillText(panel.name, 0, -10);
+      const room = wide < 0.7 * tall ? tall : wide;
+      let name = panel.name;
+      while (name.length > 4 && c.measureText(name).width > room - 14) name = name.endsWith("\u2026") ? `${name.slice(0, -2)}\u2026` : `${name.slice(0, -1)}\u2026`;
+      c.fillText(name, 0, -10);
       c.font = `10px ${FONT}`;
       c.fillStyle = CLOTH.soft;
       const said = [panel.label, panel.fabric, `${(1e4 * Math.abs(area(panel))).toFixed(0)} cm\u00b2`].filter(Boolean).join(" \u00b7 ");
-      if (c.measureText(said).width < Math.max(wide, tall) - 16) c.fillText(said, 0, 6);
+      if (c.measureText(said).width < room - 40) c.fillText(said, 0, 6);
       c.restore();
     }
     panel.edges.forEach((_, i) => this.lengthOf(panel, i, chosen));
@@ -184,7 +190,7 @@ export class Drawing {
       if (board.view.k < 220 && !chosen) continue;
       const { panel, point } = found[1], edge = side.find((s) => s[0] === panel.name)?.[1] ?? 0, out = board.outward(panel, edge), [x, y] = board.screen(panel, [point[0] + (13 / board.view.k) * out[0], point[1] + (13 / board.view.k) * out[1]]);
       Object.assign(c, { font: `700 10px ${FONT}`, textAlign: "center", textBaseline: "middle", fillStyle: color });
-      c.fillText(String(k + 1), x, y);
+      c.fillText(String(k), x, y);
     }
   }
 
@@ -207,6 +213,13 @@ export class Drawing {
       c.fill();
       c.stroke();
     });
+    const half = board.desk.symmetric && halves(panel);
+    if (half) { // it is its own mirror image: the middle line
+      const [low, high] = box(panel);
+      c.setLineDash([8, 3, 2, 3]);
+      this.line(panel, [[half.middle, low[1] - 0.015], [half.middle, high[1] + 0.015]], "rgb(20 150 137 / 0.8)", 1);
+      c.setLineDash([]);
+    }
     if (selection.kind !== "panel") return;
     const { turn, grain } = board.grips(panel), [low, high] = box(panel), [x, y] = board.screen(panel, [(low[0] + high[0]) / 2, high[1]]);
     c.beginPath();

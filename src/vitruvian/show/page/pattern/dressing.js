@@ -1,16 +1,17 @@
 // The body with the panels around it, and the garment as it falls. Metres, H-Anim's axes.
 
 import * as THREE from "three";
-import { RAMP, toLinear } from "../colors.js";
+import { RAMP, oklch, toLinear } from "../colors.js";
 import { meshNormals, welded } from "../mesh.js";
 import { Studio } from "../studio.js";
 import { positions } from "../wire.js";
-import { clothColor, seamColor } from "./drawing.js";
+import { seamRgb } from "./drawing.js";
 import { area, box, loops, mix, outline, sidePoints } from "./geometry.js";
 import { panelOf } from "./shaping.js";
 
 const SKIN = "#a79c92", THREADS = 9, TIGHT = 0.1; // threads of a seam; strain at the end of the colours
 const linear = (rgb) => rgb.map(toLinear);
+const dyed = (k) => linear(oklch(0.72, 0.085, (85 + k * 137.508) % 360)); // the colour of a panel under the lights of the studio
 
 export class Dressing {
   constructor(canvas, desk) {
@@ -76,7 +77,7 @@ export class Dressing {
       mesh.matrix.set(...r[0], t[0], ...r[1], t[1], ...r[2], t[2], 0, 0, 0, 1);
       mesh.matrixAutoUpdate = false;
       const chosen = selection?.panel === panel.name;
-      mesh.material.emissive.setRGB(...(chosen ? [0.05, 0.16, 0.14] : [0, 0, 0]));
+      mesh.material.emissive.setRGB(...(chosen ? [0.015, 0.06, 0.05] : [0, 0, 0]));
       mesh.children[0].material.color.set(chosen ? "#8fd0c8" : "#3a3632");
     });
     for (const name of [...this.panels.keys()]) if (!kept.has(name)) this.drop(name);
@@ -99,8 +100,8 @@ export class Dressing {
     geometry.setAttribute("normal", new THREE.Float32BufferAttribute(all.flatMap(() => [0, 0, out]), 3));
     const up = (a, b, c) => (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
     geometry.setIndex(faces.flatMap(([a, b, c]) => (up(all[a], all[b], all[c]) * out > 0 ? [a, b, c] : [a, c, b])));
-    const mesh = new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ roughness: 0.8, side: THREE.DoubleSide, transparent: true, opacity: 0.93 }));
-    mesh.material.color.setRGB(...clothColor(k).map((x) => x * 0.92), THREE.SRGBColorSpace);
+    const mesh = new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ roughness: 0.8, side: THREE.DoubleSide, transparent: true, opacity: 0.96 }));
+    mesh.material.color.setRGB(...dyed(k));
     const rim = [first, ...holes].flatMap((loop) => loop.flatMap((p, n) => { const q = loop[(n + 1) % loop.length]; return [p.x, p.y, 0, q.x, q.y, 0]; }));
     const lines = new THREE.BufferGeometry();
     lines.setAttribute("position", new THREE.Float32BufferAttribute(rim, 3));
@@ -116,11 +117,11 @@ export class Dressing {
     const { selection } = this.desk, at = [], colors = [], ts = Array.from({ length: THREADS }, (_, k) => k / (THREADS - 1));
     doc.seams.forEach((seam, k) => {
       const a = sidePoints(doc.panels, seam.a, ts), b = sidePoints(doc.panels, seam.b, seam.reversed ? ts.map((t) => 1 - t) : ts);
-      const c = new THREE.Color(seamColor(k)), dim = selection?.kind === "seam" && selection.index !== k ? 0.35 : 1;
+      const c = linear(seamRgb(k)), dim = selection?.kind === "seam" && selection.index !== k ? 0.35 : 1;
       a.forEach((p, n) => {
         if (!p?.panel.rotation || !b[n]?.panel.rotation) return;
         at.push(...this.world(p.panel, p.point), ...this.world(b[n].panel, b[n].point));
-        for (let m = 0; m < 2; m++) colors.push(c.r * dim, c.g * dim, c.b * dim);
+        for (let m = 0; m < 2; m++) colors.push(...c.map((x) => x * dim));
       });
     });
     const g = new THREE.BufferGeometry();
@@ -147,8 +148,7 @@ export class Dressing {
     geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
     geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
     geometry.setIndex(new THREE.BufferAttribute(triangles.slice(), 1));
-    if (arrays.panel) this.worn = { triangles: triangles.slice(), panel: arrays.panel.array.slice(), strain: arrays.strain.array.slice() };
-    else this.worn = null;
+    this.worn = { triangles: triangles.slice(), panel: arrays.panel.array.slice(), strain: arrays.strain?.array.slice() };
     this.paint();
     this.show("worn");
   }
@@ -157,10 +157,10 @@ export class Dressing {
   paint() {
     if (!this.cloth) return;
     const { worn } = this, color = this.cloth.geometry.attributes.color.array;
-    if (!worn) { color.fill(0.72); } else if (this.map) {
+    if (this.map && worn.strain) {
       worn.strain.forEach((s, v) => { const c = linear(RAMP[Math.min(255, Math.round((255 * s) / TIGHT))]); for (let k = 0; k < 3; k++) color[3 * v + k] = c[k]; });
     } else {
-      const of = this.desk.doc.panels.map((_, k) => linear(clothColor(k).map((x) => x * 0.94)));
+      const of = this.desk.doc.panels.map((_, k) => dyed(k));
       worn.panel.forEach((p, t) => { for (let j = 0; j < 3; j++) for (let k = 0; k < 3; k++) color[3 * worn.triangles[3 * t + j] + k] = (of[p] ?? [0.7, 0.7, 0.7])[k]; });
     }
     this.cloth.geometry.attributes.color.needsUpdate = true;

@@ -4,7 +4,7 @@ import { chip, el } from "../controls.js";
 import { cm, seamColor } from "./drawing.js";
 import { area, box, length } from "./geometry.js";
 import { evaluate, named } from "./measures.js";
-import { mirrorPanel, partnerOf, unfold } from "./pairs.js";
+import { dimension, partnerOf, unfold } from "./pairs.js";
 import { SEAMS, measured, said, seamsOf } from "./seams.js";
 import { deletePanel, deleteVertex, dimensionOf, drawing, keepDimension, moveVertices, panelOf, renamePanel, setExtent, setKind, setLength } from "./shaping.js";
 import { flip, standing } from "./dressing.js";
@@ -83,14 +83,14 @@ export class Inspector {
   }
 
   /** A field for a length, cm: a number, or an expression of the body's measures that is kept. */
-  dimension(value, kept, apply, keep, id) {
+  dimension(value, kept, apply, id) {
     const shown = kept && named(kept.length) ? kept.length : cm(value, 2);
     return this.field(shown, (text, input) => {
       const words = text.trim().replace(",", named(text) ? "," : ".");
       try {
         const wanted = evaluate(words, this.desk.measures) / 100;
         if (!(wanted > 0.0005 && wanted < 20)) throw new Error("expected a length of up to 20 m");
-        this.desk.change((doc) => { apply(doc, wanted); keep(doc, named(words) ? words : null); });
+        this.desk.change((doc) => apply(doc, wanted, named(words) ? words : null));
       } catch (error) {
         input.value = shown;
         this.desk.tell("notice", `${text}: ${error.message}`, "bad");
@@ -124,7 +124,7 @@ export class Inspector {
     this.row(rooted, "Name", rename);
     ["Width", "Height"].forEach((word, axis) => {
       const kept = drawing(desk.doc).dimensions.find((d) => d.panel === name && d.axis === axis && d.edge === undefined);
-      this.row(rooted, word, this.dimension(high[axis] - low[axis], kept, (doc, wanted) => setExtent(panelOf(doc, name), axis, wanted), (doc, text) => keepDimension(doc, { panel: name, axis }, text), axis ? "panel-height" : "panel-width"), el("i", "", "cm"));
+      this.row(rooted, word, this.dimension(high[axis] - low[axis], kept, (doc, wanted, text) => { setExtent(panelOf(doc, name), axis, wanted); keepDimension(doc, { panel: name, axis }, text); }, axis ? "panel-height" : "panel-width"), el("i", "", "cm"));
     });
     this.row(rooted, "Part", this.choice([["body", "body"], ["arm", "arm"], ["leg", "leg"], ["", "\u2013"]], panel.label ?? "", (v) => change((p) => { p.label = v; })));
     this.row(rooted, "Fabric", this.choice([["", "the garment\u2019s"], ...(this.fabrics ?? []).map((f) => [f, f])], panel.fabric ?? "", (v) => change((p) => { p.fabric = v; }), "panel-fabric"));
@@ -148,19 +148,19 @@ export class Inspector {
   edge(root, panel, i) {
     const { desk } = this, { name } = panel, edge = panel.edges[i], kept = dimensionOf(desk.doc, name, i), options = { fix: kept?.fix ?? this.fix ?? "start", stretch: kept?.stretch ?? this.stretch ?? true };
     this.head(root, "edge", `${name} ${i}`);
-    const put = (doc, wanted) => setLength(panelOf(doc, name), i, wanted, options);
-    this.row(root, "Length", this.dimension(length(panel, i), kept, put, (doc, text) => keepDimension(doc, { panel: name, edge: i }, text, options), "edge-length"), el("i", "", "cm"));
-    if (kept) this.buttons(root, el("span", "said", `${kept.length} = ${cm(length(panel, i), 2)} cm`), chip("Forget it", "Keep the length as a plain number", () => desk.change((doc) => keepDimension(doc, { panel: name, edge: i }, null))));
-    this.row(root, "Stays", this.choice([["start", "its start"], ["middle", "its middle"], ["end", "its end"]], options.fix, (v) => { this.fix = v; this.old = true; if (kept) desk.change((doc) => keepDimension(doc, { panel: name, edge: i }, kept.length, { ...options, fix: v })); }, "edge-fix"));
+    const keep = (text, own = options, wanted = null) => (doc) => dimension(doc, name, i, wanted, text, own, desk.symmetric);
+    this.row(root, "Length", this.dimension(length(panel, i), kept, (doc, wanted, text) => keep(text, options, wanted)(doc), "edge-length"), el("i", "", "cm"));
+    if (kept) this.buttons(root, el("span", "said", `${kept.length} = ${cm(length(panel, i), 2)} cm`), chip("Forget it", "Keep the length as a plain number", () => desk.change(keep(null))));
+    this.row(root, "Stays", this.choice([["start", "its start"], ["middle", "its middle"], ["end", "its end"]], options.fix, (v) => { this.fix = v; this.old = true; if (kept) desk.change(keep(kept.length, { ...options, fix: v })); }, "edge-fix"));
     const tick = el("input");
     Object.assign(tick, { type: "checkbox", checked: options.stretch });
     tick.dataset.tip = "All of the panel that lies beyond the end goes with it, so that a rectangle stays one";
-    tick.onchange = () => { this.stretch = tick.checked; if (kept) desk.change((doc) => keepDimension(doc, { panel: name, edge: i }, kept.length, { ...options, stretch: tick.checked })); };
+    tick.onchange = () => { this.stretch = tick.checked; if (kept) desk.change(keep(kept.length, { ...options, stretch: tick.checked })); };
     this.row(root, "Stretch panel", tick);
     this.row(root, "Shape", this.choice(Object.entries(KIND_NAMES), edge.kind, (v) => desk.change((doc) => setKind(panelOf(doc, name), i, v)), "edge-kind"));
     this.row(root, "Label", this.choice([...new Set([...LABELS, edge.label ?? ""])].map((l) => [l, l || "\u2013"]), edge.label ?? "", (v) => desk.change((doc) => { const e = panelOf(doc, name).edges[i]; if (v) e.label = v; else delete e.label; })));
     const seams = seamsOf(desk.doc, name, i);
-    if (seams.length) { const list = el("div", "buttons"); for (const k of seams) { const c = chip(`seam ${k + 1}`, "Select the seam", () => desk.select({ kind: "seam", index: k })); c.style.color = seamColor(k); list.append(c); } root.append(list); }
+    if (seams.length) { const list = el("div", "buttons"); for (const k of seams) { const c = chip(`seam ${k}`, "Select the seam", () => desk.select({ kind: "seam", index: k })); c.style.color = seamColor(k); list.append(c); } root.append(list); }
     if (edge.kind === "line") this.buttons(root, chip("Unfold", "It is cut on the fold here: mirror the panel across this edge, which is no edge any more (U)", () => desk.change((doc) => { if (!unfold(doc, name, i)) throw new Error("Only a panel without holes can be unfolded, at a straight edge."); }), "unfold"));
   }
 
@@ -175,7 +175,7 @@ export class Inspector {
 
   seam(root, k) {
     const { desk } = this, seam = desk.doc.seams[k], { a, b, differ } = measured(desk.doc, seam), change = (act) => desk.change((doc) => act(doc.seams[k], doc));
-    this.head(root, "seam", String(k + 1), seamColor(k));
+    this.head(root, "seam", String(k), seamColor(k));
     const table = el("div", "sides");
     for (const [side, long] of [[seam.a, a], [seam.b, b]]) {
       const c = chip(said(side), "Select the edge", () => desk.select({ panel: side[0][0], kind: "edge", index: side[0][1] }));
@@ -205,7 +205,7 @@ export class Inspector {
     root.replaceChildren(...desk.doc.seams.map((seam, k) => {
       const row = el("button", "line"), { a, b, differ } = measured(desk.doc, seam), mark = el("i", "swatch");
       mark.style.background = seamColor(k);
-      row.append(mark, el("span", "", `${k + 1}  ${said(seam.a)} \u2013 ${said(seam.b)}`), el("b", Math.abs(differ) > 0.003 + 0.012 * Math.max(a, b) ? "far" : "", cm(Math.max(a, b))));
+      row.append(mark, el("span", "", `${k}  ${said(seam.a)} \u2013 ${said(seam.b)}`), el("b", Math.abs(differ) > 0.003 + 0.012 * Math.max(a, b) ? "far" : "", cm(Math.max(a, b))));
       row.setAttribute("aria-pressed", String(selection?.kind === "seam" && selection.index === k));
       row.onclick = () => desk.select({ kind: "seam", index: k });
       return row;
@@ -242,7 +242,7 @@ export class Inspector {
     $("findings-panel").classList.toggle("bad", list.some((f) => f.severity === "error"));
     root.replaceChildren(...list.map((f) => {
       const row = el("button", `line ${f.severity}`), where = `${f.panel}${f.edge >= 0 ? ` ${f.edge}` : ""}`;
-      row.append(el("i", "mark", f.severity === "note" ? "i" : "!"), el("span", "", `${where ? `${where}: ` : ""}${f.message}`), el("b", "", f.rule));
+      row.append(el("i", "badge", f.severity === "note" ? "i" : "!"), el("span", "", `${where ? `${where}: ` : ""}${f.message}`), el("b", "", f.rule));
       if (desk.rules?.[f.rule]) row.dataset.tip = desk.rules[f.rule];
       row.onclick = () => { if (f.panel) desk.select(f.edge >= 0 ? { panel: f.panel, kind: "edge", index: f.edge } : { panel: f.panel, kind: "panel" }); };
       return row;

@@ -9,8 +9,8 @@ import { cm } from "./drawing.js";
 import { along, area, box, length } from "./geometry.js";
 import { Inspector } from "./inspector.js";
 import { evaluate, named } from "./measures.js";
-import { mirrorPanel, unfold } from "./pairs.js";
-import { deletePanel, deleteVertex, dimensionOf, drawing, fresh, keepDimension, panelOf, setKind, setLength } from "./shaping.js";
+import { dimension, mirrorPanel, unfold } from "./pairs.js";
+import { deletePanel, deleteVertex, dimensionOf, drawing, fresh, panelOf, setKind } from "./shaping.js";
 import { Corner, Dart, Pen, Rectangle, Select, Sew } from "./tools.js";
 
 const $ = (id) => document.getElementById(id);
@@ -272,7 +272,7 @@ class Page {
       try {
         const wanted = evaluate(named(text) ? text : text.replace(",", "."), desk.measures) / 100, options = { fix: kept?.fix ?? "start", stretch: kept?.stretch ?? true };
         if (!(wanted > 0.0005 && wanted < 20)) throw new Error("expected a length of up to 20 m");
-        desk.change((doc) => { setLength(panelOf(doc, name), i, wanted, options); keepDimension(doc, { panel: name, edge: i }, named(text) ? text : null, options); });
+        desk.change((doc) => dimension(doc, name, i, wanted, named(text) ? text : null, options, desk.symmetric));
       } catch (error) { this.notice(`${text}: ${error.message}`, "bad"); }
     };
     input.addEventListener("keydown", (e) => { if (e.key === "Enter") { done(true); $("board").focus(); } else if (e.key === "Escape") { done(false); $("board").focus(); } });
@@ -335,7 +335,7 @@ class Page {
     }
     const lines = bad.map(([text, seams]) => {
       const p = el("p", "bad", text);
-      for (const k of (seams ?? []).slice(0, 12)) p.append(" ", chip(`seam ${k + 1}`, "Select the seam", () => desk.select({ kind: "seam", index: k })));
+      for (const k of (seams ?? []).slice(0, 12)) p.append(" ", chip(`seam ${k}`, "Select the seam", () => desk.select({ kind: "seam", index: k })));
       return p;
     });
     root.replaceChildren(head, ...lines, figures);

@@ -1,7 +1,7 @@
 // Panels of the body's two sides: mirrored copies, and pairs that are edited together.
 
-import { add, box, controls, distance, dot, ends, loops, scale, sub, unit } from "./geometry.js";
-import { drawing, fresh, panelOf, renumber } from "./shaping.js";
+import { add, box, carried, controls, distance, dot, ends, loops, scale, sub, unit } from "./geometry.js";
+import { drawing, fresh, keepDimension, panelOf, renumber, setLength } from "./shaping.js";
 
 const SIDES = { left: "right", right: "left", l: "r", r: "l" };
 
@@ -132,10 +132,27 @@ function aligned(panel, other) {
   return null;
 }
 
-/** What was done to one panel of a pair happens to the other too, mirrored. */
+/** Where a panel that is its own mirror image has its middle line, and which corner and edge is the other of which. */
+export function halves(panel) {
+  const found = aligned(panel, panel);
+  if (!found || Math.abs(found.move[1]) > 1e-5) return null;
+  const back = backwards(panel), n = back.length, corner = {}, edge = {};
+  back.forEach((e, k) => {
+    const f = (k + found.shift) % n;
+    edge[e] = f;
+    corner[panel.edges[e].ends[1]] = panel.edges[f].ends[0];
+  });
+  return { middle: found.move[0] / 2, corner, edge };
+}
+
+/** What was done to one panel of a pair happens to the other too, mirrored; and to the other half of a panel that is its
+ * own mirror image. */
 export function follow(doc, before) {
-  const kept = drawing(doc);
-  for (const pair of kept.pairs) {
+  for (const panel of doc.panels) {
+    const was = panelOf(before, panel.name);
+    if (was && shapeOf(was) !== shapeOf(panel)) balance(panel, was);
+  }
+  for (const pair of drawing(doc).pairs) {
     const [was, now] = [before, doc].map((d) => pair.map((name) => panelOf(d, name)));
     if (!was.every(Boolean) || !now.every(Boolean)) continue;
     const moved = now.map((p, k) => shapeOf(p) !== shapeOf(was[k]));
@@ -144,6 +161,40 @@ export function follow(doc, before) {
     if (panelOf(doc, leader).edges.length !== panelOf(doc, follower).edges.length) continue;
     mirrorShape(doc, before, leader, follower);
   }
+}
+
+const same = (p, q) => JSON.stringify(p) === JSON.stringify(q);
+
+/** Bring the half of a panel that was not touched to the mirror image of the other. */
+function balance(panel, was) {
+  const topology = (p) => p.edges.map((e) => e.ends), found = same(topology(panel), topology(was)) && halves(was);
+  if (!found) return;
+  const { middle, corner, edge } = found, flip = ([u, v]) => [2 * middle - u, v];
+  const moved = panel.vertices.map((p, v) => !same(p, was.vertices[v])), places = {};
+  moved.forEach((yes, v) => {
+    if (!yes) return;
+    if (corner[v] === v) places[v] = [middle, panel.vertices[v][1]];
+    else if (!moved[corner[v]]) places[corner[v]] = flip(panel.vertices[v]);
+  });
+  if (moved.every((yes, v) => !yes || (moved[corner[v]] && corner[v] !== v))) { if (moved.some(Boolean)) return; } // both halves were meant
+  for (const [v, p] of Object.entries(places)) panel.vertices[v] = p;
+  panel.edges.forEach((e, i) => {
+    const other = panel.edges[edge[i]], [old, twin] = [was.edges[i], was.edges[edge[i]]];
+    if (edge[i] === i) {
+      if (e.kind !== old.kind || !e.points) return;
+      if (e.points.length === 2 && e.ends.every((v) => !moved[v])) {
+        const [p, q] = e.points.map((x, k) => !same(x, old.points[k]));
+        if (p && !q) e.points[1] = flip(e.points[0]);
+        else if (q && !p) e.points[0] = flip(e.points[1]);
+      } else if (e.points.length === 1) e.points[0] = [middle, e.points[0][1]];
+      if (e.ends.some((v) => moved[v])) e.points = carried(old.points, ...e.ends.map((v) => was.vertices[v]), ...e.ends.map((v) => panel.vertices[v]));
+      return;
+    }
+    const touched = !same([e.kind, e.points], [old.kind, old.points]) || e.ends.some((v) => moved[v] && corner[v] !== v);
+    const theirs = !same([other.kind, other.points], [twin.kind, twin.points]) || other.ends.some((v) => moved[v] && corner[v] !== v);
+    if (touched && !theirs) { other.kind = e.kind; if (e.points) other.points = e.points.map(flip).reverse(); else delete other.points; }
+    else if (!touched && !theirs && e.points && e.ends.some((v) => moved[v])) e.points = carried(old.points, ...e.ends.map((v) => was.vertices[v]), ...e.ends.map((v) => panel.vertices[v]));
+  });
 }
 
 const shapeOf = (p) => JSON.stringify([p.vertices, p.edges.map((e) => [e.ends, e.kind, e.points]), p.grain]);
@@ -161,12 +212,44 @@ function mirrorShape(doc, before, leader, follower) {
   twin.grain = grain;
 }
 
-/** Do something to an edge of a panel, and the same to its mirror image: `act(name, edge, t)`. */
+/** Do something to an edge of a panel, and the same to its mirror image, in the partner or in the other half of the panel:
+ * `act(name, edge, t)`. */
 export function both(doc, name, i, t, symmetric, act) {
-  const other = symmetric && partnerOf(doc, name), panel = panelOf(doc, name), twin = other && panelOf(doc, other);
-  const found = twin && aligned(panel, twin);
-  const mine = found ? (backwards(panel).indexOf(i) + found.shift) % twin.edges.length : -1;
-  const answer = act(name, i, t);
-  if (found) act(other, mine, 1 - t);
+  const panel = panelOf(doc, name), other = symmetric && partnerOf(doc, name), twin = other && panelOf(doc, other);
+  const half = symmetric && halves(panel), found = twin && aligned(panel, twin), n = panel.edges.length;
+  const mirror = half ? half.edge[i] : -1, edges = [[i, t]];
+  if (half && mirror !== i) edges.push([mirror, 1 - t]);
+  else if (half && Math.abs(t - 0.5) > 0.02) edges.push([i, 1 - t]);
+  edges.sort(([e, s], [f, r]) => f - e || r - s); // from the last to the first: the numbers of those before stay
+  let answer;
+  const run = (of, list) => list.forEach(([e, s], k) => {
+    const before = list[k - 1], share = before && before[0] === e ? s / before[1] : s; // what is left of the edge after the cut
+    const said = act(of, e, share);
+    if (of === name && e === i && s === t) answer = said;
+  });
+  const theirs = found ? edges.map(([e, s]) => [(backwards(panel).indexOf(e) + found.shift) % n, 1 - s]).sort(([e, s], [f, r]) => f - e || r - s) : [];
+  run(name, edges);
+  if (found) run(other, theirs);
   return answer;
+}
+
+/** An edge and its mirror images, in the partner and in the other half of the panel: [{panel, edge, flipped}]. */
+export function twins(doc, name, i, symmetric = true) {
+  const panel = panelOf(doc, name), out = [{ panel: name, edge: i, flipped: false }], half = symmetric && halves(panel);
+  if (half && half.edge[i] !== i) out.push({ panel: name, edge: half.edge[i], flipped: true });
+  const other = symmetric && partnerOf(doc, name), twin = other && panelOf(doc, other), found = twin && aligned(panel, twin);
+  if (!found) return out;
+  const theirs = (e) => (backwards(panel).indexOf(e) + found.shift) % panel.edges.length;
+  return [...out, ...out.map((o) => ({ panel: other, edge: theirs(o.edge), flipped: !o.flipped }))];
+}
+
+const OTHER = { start: "end", end: "start", middle: "middle" };
+
+/** Make an edge and its mirror images so long, metres, and keep (a text) or forget (null) the expression that says so. */
+export function dimension(doc, name, i, wanted, text, options, symmetric) {
+  for (const { panel, edge, flipped } of twins(doc, name, i, symmetric)) {
+    const own = { ...options, fix: flipped ? OTHER[options.fix] : options.fix };
+    if (wanted !== null) setLength(panelOf(doc, panel), edge, wanted, own);
+    keepDimension(doc, { panel, edge }, text, own);
+  }
 }

@@ -130,10 +130,10 @@ function dropVertex(panel, v) {
 // Lengths -----------------------------------------------------------------------------------------------------------
 
 /** Make an edge `wanted` metres long. `fix`: which of its ends stays, "start", "end" or "middle"; `stretch`: all that lies
- * beyond its ends goes with them, so that a rectangle stays one. Twin of vitruvian.cloth.dimensions.lengthened. */
+ * beyond its ends goes with them, so that a rectangle stays one. Twin of `lengthened` in vitruvian.cloth.dimensions. */
 export function setLength(panel, i, wanted, { fix = "start", stretch = true } = {}) {
   const [a, b] = ends(panel, i), now = length(panel, i), chord = sub(b, a), l = Math.hypot(...chord);
-  if (!(wanted > 0) || !(now > 0) || !(l > 0)) return;
+  if (!(wanted > 0) || !(now > 0) || !(l > 0) || Math.abs(now - wanted) < 1e-10) return;
   const grown = scale(chord, wanted / now - 1), way = scale(chord, 1 / l);
   const share = { start: [0, 1], middle: [-0.5, 0.5], end: [-1, 0] }[fix], [from, to] = panel.edges[i].ends, places = {};
   panel.vertices.forEach((p, v) => {
@@ -147,7 +147,7 @@ export function setLength(panel, i, wanted, { fix = "start", stretch = true } = 
 /** Make a panel so wide or high, metres: axis 0 is u, 1 is v. */
 export function setExtent(panel, axis, wanted) {
   const [low, high] = box(panel), now = high[axis] - low[axis];
-  if (!(wanted > 0) || !(now > 0)) return;
+  if (!(wanted > 0) || !(now > 0) || Math.abs(now - wanted) < 1e-10) return;
   const put = (p) => { const q = [...p]; q[axis] = low[axis] + (p[axis] - low[axis]) * (wanted / now); return q; };
   panel.vertices = panel.vertices.map(put);
   for (const e of panel.edges) if (e.points) e.points = e.points.map(put);
