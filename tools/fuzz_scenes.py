@@ -172,6 +172,23 @@ DRAWING = """<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="200mm
 <polygon points="0,0 50,0 20,60"/><circle cx="9" cy="9" r="20"/><use href="#notch" x="3" y="4"/></svg>"""
 
 
+def dxf_piece() -> bytes:
+    """A square in a block, with a corner, a grain line and its texts."""
+    corners = [(0, 0), (100, 0), (100, 80), (0, 80)]
+    rows = ["0", "SECTION", "2", "BLOCKS", "0", "BLOCK", "8", "0", "2", "A", "70", "0", "10", "0", "20", "0", "3", "A"]
+    rows += ["0", "POLYLINE", "8", "1", "66", "1", "70", "1", "10", "0", "20", "0", "30", "0"]
+    for x, y in corners:
+        rows += ["0", "VERTEX", "8", "1", "10", f"{x}", "20", f"{y}", "30", "0"]
+    rows += ["0", "SEQEND", "8", "1", "0", "POINT", "8", "4", "10", "100", "20", "80", "30", "0"]
+    rows += ["0", "LINE", "8", "7", "10", "50", "20", "20", "30", "0", "11", "50", "21", "60", "31", "0"]
+    for text in ("PIECE NAME: A", "QUANTITY: 2"):
+        rows += ["0", "TEXT", "8", "1", "10", "0", "20", "0", "30", "0", "40", "3", "1", text]
+    rows += ["0", "ENDBLK", "8", "0", "0", "ENDSEC", "0", "SECTION", "2", "ENTITIES"]
+    rows += ["0", "TEXT", "8", "1", "10", "0", "20", "0", "30", "0", "40", "3", "1", "UNITS: METRIC"]
+    rows += ["0", "INSERT", "8", "0", "2", "A", "10", "0", "20", "0", "30", "0", "0", "ENDSEC", "0", "EOF"]
+    return "\n".join([*rows, ""]).encode()
+
+
 def _captures(known: set[str]) -> Iterator[Source]:
     """Files that we do not write: a skeleton of Acclaim, markers of C3D, models and tables of OpenSim,
     patterns, which a figure is not."""
@@ -189,6 +206,7 @@ def _captures(known: set[str]) -> Iterator[Source]:
         ".pattern.json": OWN_PATTERN.encode(),
         ".freesewing.json": DRAFT.encode(),
         ".svg": DRAWING.encode(),
+        ".dxf": dxf_piece(),
         ".sto": table.encode(),
     }
     for extension in sorted(known & set(made)):

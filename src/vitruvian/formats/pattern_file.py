@@ -60,7 +60,11 @@ def write_pattern(pattern: Pattern, path: str | Path) -> None:
         Path(temporary).write_text(said, encoding="utf-8")
 
 
-WRITERS = {".pattern.json": ("pattern_file", "write_pattern"), ".svg": ("pattern_svg", "write_svg")}
+WRITERS = {
+    ".pattern.json": ("pattern_file", "write_pattern"),
+    ".svg": ("pattern_svg", "write_svg"),
+    ".dxf": ("pattern_dxf", "write_dxf"),
+}
 
 
 def write_any(pattern: Pattern, path: str | Path) -> list[str]:

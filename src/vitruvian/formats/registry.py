@@ -41,6 +41,7 @@ READERS = {
     PATTERN: ("pattern_file", "read_pattern"),
     FREESEWING: ("freesewing", "read_freesewing"),
     ".svg": ("freesewing", "read_svg"),
+    ".dxf": ("pattern_dxf", "read_dxf"),
     ".obj": ("obj", "read_obj"),
     ".ply": ("obj", "read_mesh"),
     ".stl": ("obj", "read_mesh"),
@@ -157,7 +158,7 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
     glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
     {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode, {"parts": ...} one of FreeSewing,
-    {"vitruvian_pattern": ...} one of ours; .svg drawings are patterns too.
+    {"vitruvian_pattern": ...} one of ours; .svg and .dxf drawings are patterns too.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,
@@ -199,7 +200,7 @@ def save(
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
     `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
-    A Pattern is written as .pattern.json, or drawn as .svg.
+    A Pattern is written as .pattern.json, or drawn as .svg or .dxf.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
     """
     from vitruvian.cloth.pattern import Pattern
