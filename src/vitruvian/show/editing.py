@@ -65,7 +65,7 @@ class Editing:
         *,
         measures: Mapping[str, float] | None = None,
         where: str = "",
-        save: Callable[[Pattern], None] | None = None,
+        save: Callable[[Pattern], object] | None = None,
         exports: Mapping[str, Callable[[Pattern], bytes]] | None = None,
         keep: Callable[[str], None] = lambda _: None,
         recovered: str = "",

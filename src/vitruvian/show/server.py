@@ -84,10 +84,13 @@ MODULES = (
     "vendor/three.core.js",
 )
 # the page of the pattern editor, and what it has of its own
-DESK = tuple(f"pattern/{name}" for name in (
-    "boot.js", "geometry.js", "pattern.css", "measures.js", "shaping.js", "pairs.js", "desk.js", "board.js", "drawing.js", "tools.js",
-    "seams.js", "dressing.js", "inspector.js", "main.js",
-))  # fmt: skip
+DESK = tuple(
+    f"pattern/{name}"
+    for name in (
+        *("boot.js", "pattern.css", "geometry.js", "measures.js", "shaping.js", "pairs.js", "desk.js", "board.js"),
+        *("drawing.js", "tools.js", "seams.js", "dressing.js", "inspector.js", "main.js"),
+    )
+)
 FILES = {"": "index.html", "style.css": "style.css", "boot.js": "boot.js"} | {name: name for name in (*MODULES, *DESK)}
 FILES["pattern"] = "pattern/pattern.html"
 KINDS = {
