@@ -33,10 +33,10 @@ GOOD = {
     "+waist": 72,
 }
 BAD = [
-    "", " ", "chest +", "(chest", "chest)", "bust", "1/0", "sqrt(-1)", "min()", "sqrt(1, 2)", "1 2", "chest.x", "__import__('os')",
-    "chest/4;1", "2**3", "constructor", "toString", "eval(1)", "_", "1e5", "(" * 80 + "1" + ")" * 80, "-" * 80 + "1", "1+" * 120 + "1",
-    "\u0661", "\u00bd", "hips\u00b2",
-]  # fmt: skip
+    *("", " ", "chest +", "(chest", "chest)", "bust", "1/0", "sqrt(-1)", "min()", "sqrt(1, 2)", "1 2", "chest.x"),
+    *("__import__('os')", "chest/4;1", "2**3", "constructor", "toString", "eval(1)", "_", "1e5", "'1'", "a=1", "1%2"),
+    *("(" * 80 + "1" + ")" * 80, "-" * 80 + "1", "1+" * 120 + "1", "\u0661", "\u00bd", "hips\u00b2"),
+]
 
 
 def random_panel(rng: np.random.Generator, hole: bool) -> Panel:

@@ -102,6 +102,7 @@ class Editing:
         fields: dict[str, Any] = {
             "version": VERSION,
             "document": json.loads(self.text),
+            "seq": self._seq,
             "saved": self.text == self.saved,
             "recovered": self.recovered,
             "where": self.where,

@@ -137,7 +137,7 @@ export class Desk {
       this.tell("state", "");
       if (!this.doc) {
         this.doc = clean(header.document);
-        this.unsaved = !header.saved;
+        Object.assign(this, { unsaved: !header.saved, seq: header.seq });
         this.tell("welcome", header);
         this.tell("drawn");
         this.tell("changed");

@@ -6,7 +6,7 @@ import { area, box, length } from "./geometry.js";
 import { evaluate, named } from "./measures.js";
 import { dimension, partnerOf, unfold } from "./pairs.js";
 import { SEAMS, measured, said, seamsOf } from "./seams.js";
-import { deletePanel, deleteVertex, dimensionOf, drawing, keepDimension, moveVertices, panelOf, renamePanel, setExtent, setKind, setLength } from "./shaping.js";
+import { deletePanel, deleteVertex, dimensionOf, drawing, keepDimension, moveVertices, panelOf, renamePanel, setExtent, setKind } from "./shaping.js";
 import { flip, standing } from "./dressing.js";
 
 const $ = (id) => document.getElementById(id);
@@ -193,7 +193,7 @@ export class Inspector {
     this.row(root, "Left open", open);
     this.buttons(root,
       chip("Reverse", "Sew the other end to the start (X)", () => change((s) => { s.reversed = !s.reversed; }), "reverse"),
-      chip("Match lengths", "Make the first edge as long as the other side", () => desk.change((doc) => { const s = doc.seams[k], [name, edge] = s.a[0]; if (s.a.length > 1) throw new Error("The first side has several edges: set one of them."); setLength(panelOf(doc, name), edge, measured(doc, s).b / (s.a[0][3] - s.a[0][2])); })),
+      chip("Match lengths", "Make the first edge as long as the other side", () => desk.change((doc) => { const s = doc.seams[k], [name, edge] = s.a[0]; if (s.a.length > 1) throw new Error("The first side has several edges: set one of them."); dimension(doc, name, edge, measured(doc, s).b / (s.a[0][3] - s.a[0][2]), null, { fix: "start", stretch: true }, desk.symmetric); }), "match"),
       chip("Delete", "Take the seam away (Delete)", () => desk.change((doc) => { doc.seams.splice(k, 1); }), "danger"));
   }
 

@@ -233,22 +233,23 @@ export function both(doc, name, i, t, symmetric, act) {
   return answer;
 }
 
-/** An edge and its mirror images, in the partner and in the other half of the panel: [{panel, edge, flipped}]. */
+/** An edge and its mirror images, in the partner and in the other half of the panel: [{panel, edge, flipped}];
+ * across: the edge is its own mirror image. */
 export function twins(doc, name, i, symmetric = true) {
-  const panel = panelOf(doc, name), out = [{ panel: name, edge: i, flipped: false }], half = symmetric && halves(panel);
+  const panel = panelOf(doc, name), half = symmetric && halves(panel), out = [{ panel: name, edge: i, flipped: false, across: Boolean(half) && half.edge[i] === i }];
   if (half && half.edge[i] !== i) out.push({ panel: name, edge: half.edge[i], flipped: true });
   const other = symmetric && partnerOf(doc, name), twin = other && panelOf(doc, other), found = twin && aligned(panel, twin);
   if (!found) return out;
   const theirs = (e) => (backwards(panel).indexOf(e) + found.shift) % panel.edges.length;
-  return [...out, ...out.map((o) => ({ panel: other, edge: theirs(o.edge), flipped: !o.flipped }))];
+  return [...out, ...out.map((o) => ({ ...o, panel: other, edge: theirs(o.edge), flipped: !o.flipped }))];
 }
 
 const OTHER = { start: "end", end: "start", middle: "middle" };
 
 /** Make an edge and its mirror images so long, metres, and keep (a text) or forget (null) the expression that says so. */
 export function dimension(doc, name, i, wanted, text, options, symmetric) {
-  for (const { panel, edge, flipped } of twins(doc, name, i, symmetric)) {
-    const own = { ...options, fix: flipped ? OTHER[options.fix] : options.fix };
+  for (const { panel, edge, flipped, across } of twins(doc, name, i, symmetric)) {
+    const own = { ...options, fix: across ? "middle" : flipped ? OTHER[options.fix] : options.fix };
     if (wanted !== null) setLength(panelOf(doc, panel), edge, wanted, own);
     keepDimension(doc, { panel, edge }, text, own);
   }
