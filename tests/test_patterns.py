@@ -291,3 +291,17 @@ def test_numbers_that_are_none_are_refused(tmp_path):
     path.write_text(json.dumps(garmentcode()).replace("90, 20", "NaN, 20"))
     with pytest.raises(FileError, match="finite|NaN"):
         vt.load(path)
+
+
+def test_corners_that_nearly_meet_are_sewn_together():
+    """No sliver between ends of spans that are half a millimetre apart along a seam."""
+    corners = np.array([[0, 0], [0.3, 0], [0.3, 0.2], [0.3, 0.4], [0, 0.4]])
+    front, back = (
+        Panel(n, corners + [[0, 0], [0, 0], [0, d], [0, 0], [0, 0]], tuple(Edge(i, (i + 1) % 5) for i in range(5)))
+        for n, d in (("front", 0.0), ("back", 0.0005))
+    )
+    back = replace(back, vertices=back.vertices * [-1, 1])
+    seam = Seam((Span("front", 1), Span("front", 2)), (Span("back", 1), Span("back", 2)), reversed=False)
+    mesh = tessellate(Pattern("p", (front, back), (seam,)), 0.01)
+    assert np.degrees(angles(mesh).min()) > 25 and len(mesh.pairs) == 42
+    assert np.abs(np.diff(mesh.material[mesh.pairs], axis=1)[:, 0, 1]).max() < 6e-4

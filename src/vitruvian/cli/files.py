@@ -57,7 +57,7 @@ def _self_facts() -> dict[str, Any]:
     from vitruvian import __version__
     from vitruvian.native import variant
 
-    extras = {"film": "av", "usd": "pxr"}
+    extras = {"film": "av", "patterns": "ezdxf", "usd": "pxr"}
     return {
         "version": __version__,
         "kernels": variant(),

@@ -56,7 +56,7 @@ def tessellate(pattern: Pattern, size: float = 0.010) -> PanelMesh:
     total = sum(abs(area(p)) for p in pattern.panels) / (0.85 * size * size)
     if total > MOST or sum(lengths.values()) / size > MOST:
         raise VitruvianError(f"pattern {pattern.name}: it would have {total:.2g} vertices; is its unit right?")
-    seams = [_Sides(s, number, lengths) for s in pattern.seams if not s.open]
+    seams = [_Sides(s, number, lengths, 0.4 * size) for s in pattern.seams if not s.open]
     cuts = _cuts(seams, lengths, size)
     parts, first = [], 0
     edges: dict[Key, Ints] = {}
@@ -88,17 +88,31 @@ def _with_the_grain(pattern: Pattern, material: Floats, panel: Ints) -> Floats:
 
 
 class _Sides:
-    """A seam's two sides, and how far along each its spans reach (0..1)."""
+    """A seam's two sides, and how far along each its spans reach (0..1).
 
-    def __init__(self, seam: Seam, number: Mapping[str, int], lengths: Mapping[Key, float]) -> None:
+    Where a span of one side ends less than `near` metres from an end of the other's, they meet, so that no sliver of cloth
+    is between them.
+    """
+
+    def __init__(self, seam: Seam, number: Mapping[str, int], lengths: Mapping[Key, float], near: float) -> None:
         self.seam, self.rows = seam, []
+        keyed, ends, total = [], [], 0.0
         for side in (seam.a, seam.b):
             for s in side:
                 if s.panel not in number or (number[s.panel], s.edge) not in lengths:
                     raise VitruvianError(f"seam: expected an edge of the pattern, found {s.panel!r:.60} edge {s.edge}")
             keys = [(number[s.panel], s.edge) for s in side]
             reach = np.cumsum([0.0, *(lengths[k] * (s.t1 - s.t0) for k, s in zip(keys, side))])
-            reach /= max(reach[-1], 1e-12)
+            total = max(total, float(reach[-1]))
+            keyed.append(keys)
+            ends.append(reach / max(reach[-1], 1e-12))
+        flip = (lambda r: 1 - r[::-1]) if seam.reversed else (lambda r: r)
+        one, two = ends[0], flip(ends[1])
+        for i in range(1, len(one) - 1):
+            j = int(np.abs(two - one[i]).argmin())
+            if 0 < j < len(two) - 1 and abs(two[j] - one[i]) * total < near and np.abs(one - two[j]).argmin() == i:
+                one[i] = two[j] = 0.5 * (one[i] + two[j])
+        for keys, side, reach in zip(keyed, (seam.a, seam.b), (one, flip(two))):
             self.rows.append([(k, s, reach[i], reach[i + 1]) for i, (k, s) in enumerate(zip(keys, side))])
 
     def across(self, side: int, row: int, t: Floats) -> Iterable[tuple[Key, float]]:
