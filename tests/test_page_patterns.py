@@ -315,3 +315,21 @@ def test_a_pattern_is_downloaded_in_the_formats_that_there_are(browser, figure):
         assert got.value.suggested_filename == "skirt.pattern.json"
         text = json.loads(got.value.path().read_text())
         assert [p["name"] for p in text["panels"]] == ["front", "back"]
+
+
+def test_panels_are_put_where_they_are_worn(browser, figure):
+    with editor(browser, figure, EMPTY) as (page, _):
+        drag(page, (120, 150), (220, 260))
+        wait(page, "vitruvian.tool === 'select'")
+        page.get_by_test_id("worn-region").select_option("torso")
+        wait(page, "vitruvian.document.panels[0].translation[1] !== 1.15")
+        front = read(page).panels[0]
+        assert front.rotation[2, 2] == 1 and front.translation[2] > 0.1
+        page.get_by_test_id("worn-face").select_option("back")
+        wait(page, "vitruvian.document.panels[0].translation[2] < 0")
+        back = read(page).panels[0]
+        assert back.rotation[2, 2] == -1 and back.translation[1] == front.translation[1]
+        page.get_by_test_id("worn-region").select_option("sleeve")
+        wait(page, "Math.abs(vitruvian.document.panels[0].translation[0]) > 0.1")
+        press(page, "Control+z")
+        assert np.array_equal(read(page).panels[0].translation, back.translation)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
         start = pattern_of(source, figure)
     known = measures(figure).values
     if start is not EMPTY:
-        start = fitted(start, known)  # what is said by measures of a body is said of this one
+        start = _standing(fitted(start, known), known)  # what is said by measures of a body is said of this one
     if save is None and source.name.lower().endswith(".pattern.json"):
         save = source
     draft = _draft(save or source)
@@ -90,6 +91,17 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
         keep=lambda text: _kept(draft, text),
         recovered=_read(draft),
     )
+
+
+def _standing(found: Pattern, known: Mapping[str, float]) -> Pattern:
+    """With places for panels that have none, where it can be told; others are placed in the page."""
+    from vitruvian.cloth.drafting.figure import figure
+    from vitruvian.cloth.wrapping import wrapped
+
+    try:
+        return wrapped(found, figure(known))
+    except VitruvianError:
+        return found
 
 
 def exports() -> dict[str, Any]:

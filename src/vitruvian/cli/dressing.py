@@ -38,7 +38,13 @@ def pattern_of(source: Path, body: Any = None) -> Pattern:
     found = load(source)
     if not isinstance(found, Pattern):
         raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
-    return found
+    from vitruvian.cloth.dimensions import dimensions, fitted
+
+    if body is None or not dimensions(found):
+        return found
+    from vitruvian.modeling.measures import measures
+
+    return fitted(found, measures(body).values)  # lengths that are said by measures are those of this body
 
 
 @app.command(epilog="Example: vitruvian dress person tshirt --fabric jersey -o dressed.glb")

@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.cloth.doctor import RULES, examined
+from vitruvian.cloth.drafting.figure import figure
 from vitruvian.cloth.fabric import FABRICS
 from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.pattern import Pattern
@@ -24,6 +25,7 @@ from vitruvian.cloth.proposals import proposals
 from vitruvian.cloth.sheet import strains
 from vitruvian.cloth.tailor import tailor
 from vitruvian.cloth.tessellate import tessellate
+from vitruvian.cloth.wrapping import wrapped
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_file import document, pattern_from
 from vitruvian.show.wire import VERSION, Block, encode, quantise
@@ -35,6 +37,7 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "hello": {"token": ("text", 0, 64), "version": ("whole", 0, 1000)},
     "pattern": {"seq": ("whole", 0, 2**53), "text": ("text", 0, 24000), "last": ("flag", 0, 1)},
     "propose": {},
+    "place": {"panel": ("text", 0, 200), "words": ("text", 0, 100)},
     "drape": {"fabric": ("text", 0, 40), "size": ("number", 0.003, 0.05)},
     "stop": {},
     "save": {},
@@ -98,7 +101,7 @@ class Editing:
 
     def hello(self) -> list[bytes]:
         """What a page hears first: the document, and the body."""
-        figure = self.dummy
+        shown = self.dummy
         fields: dict[str, Any] = {
             "version": VERSION,
             "document": json.loads(self.text),
@@ -112,8 +115,8 @@ class Editing:
             "rules": RULES,
         }
         blocks = [
-            Block("vertices", figure.vertices.astype(np.float32)),
-            Block("triangles", figure.triangles.astype(np.uint32)),
+            Block("vertices", shown.vertices.astype(np.float32)),
+            Block("triangles", shown.triangles.astype(np.uint32)),
         ]
         return [encode("hello", fields), encode("body", {}, blocks), self._findings()]
 
@@ -138,6 +141,8 @@ class Editing:
             return self._take(request)
         if kind == "propose":
             return self._proposals()
+        if kind == "place":
+            return self._placed(request["panel"], request["words"])
         if kind == "drape":
             self.stop()
             self._drape = _Drape(self, self.pattern(), request["fabric"], request["size"])
@@ -191,6 +196,16 @@ class Editing:
             except VitruvianError as error:
                 fields["problem"] = str(error)
         return encode("findings", fields)
+
+    def _placed(self, name: str, words: str) -> bytes:
+        """Where a panel goes that is worn where `words` say, such as "torso front left"."""
+        found = self.pattern()
+        bare = tuple(replace(p, rotation=None, translation=None) if p.name == name else p for p in found.panels)
+        wrap = {p.name: words if p.name == name else "torso front" for p in found.panels}  # the others have places
+        panel = wrapped(replace(found, panels=bare, extra={"wrap": wrap}), figure(self.measures)).panel(name)
+        assert panel.rotation is not None and panel.translation is not None
+        place = {"rotation": panel.rotation.tolist(), "translation": panel.translation.tolist()}
+        return encode("placed", {"panel": name, "labels": [e.label for e in panel.edges]} | place)
 
     def _proposals(self) -> bytes:
         found = proposals(self.pattern())

@@ -13,11 +13,25 @@ const $ = (id) => document.getElementById(id);
 const KIND_NAMES = { line: "straight", quadratic: "curve, one control", cubic: "curve, two controls", arc: "arc", polyline: "many points" };
 const LABELS = ["", "lower_interface", "left_collar", "right_collar", "left_armhole", "right_armhole", "strapless_top"];
 
+const REGIONS = ["", "torso", "skirt", "leg", "sleeve", "cuff", "collar", "hood", "band", "pocket"];
+
+/** Where a panel seems to be worn by its name. */
+function guess(name) {
+  const words = name.toLowerCase().split(/[^a-z]+/), first = (list) => list.find((w) => w && words.includes(w)) ?? "";
+  return [first(REGIONS), first(["front", "back"]), first(["left", "right"])];
+}
+
 export class Inspector {
   constructor(desk) {
     this.desk = desk;
     for (const what of ["drawn", "selected"]) desk.on(what, () => { this.old = true; });
     desk.on("findings", () => this.findings());
+    desk.on("placed", (header) => desk.change((doc) => {
+      const panel = panelOf(doc, header.panel);
+      if (!panel) return;
+      Object.assign(panel, { rotation: header.rotation, translation: header.translation });
+      header.labels.forEach((l, i) => { if (l && panel.edges[i]) panel.edges[i].label = l; });
+    }, `place ${this.placing}`));
     desk.on("proposals", (header) => { this.proposed = header.proposals; this.proposals(); });
     desk.on("changed", () => { if (this.proposed) this.proposals(); });
     desk.on("welcome", (header) => { this.fabrics = header.fabrics; });
@@ -135,7 +149,9 @@ export class Inspector {
       this.row(rooted, "Place", at, el("i", "", "cm"));
       angles(panel.rotation).forEach((x, k) => turn.append(this.field(((x * 180) / Math.PI).toFixed(1), (v) => change((p) => { const n = parseFloat(v.replace(",", ".")); if (!Number.isFinite(n)) return; const now = angles(p.rotation); now[k] = (n * Math.PI) / 180; p.rotation = rotation(now); }), { wide: false })));
       this.row(rooted, "Turned", turn, el("i", "", "\u00b0"));
-    } else this.buttons(rooted, chip("Place it around the body", "Put the panel before the body; drag it from there", () => change((p) => Object.assign(p, structuredClone(standing)))));
+    } else rooted.append(el("p", "said", "It has no place around the body yet."));
+    this.worn(rooted, name);
+    if (!panel.translation) this.buttons(rooted, chip("Place it before the chest the body", "Put the panel before the body; drag it from there", () => change((p) => Object.assign(p, structuredClone(standing)))));
     const partner = partnerOf(desk.doc, name);
     if (partner) this.row(rooted, "Mirror of", chip(partner, "Select its mirror image", () => desk.select({ panel: partner, kind: "panel" })), chip("Part them", "Edit the two apart from now on", () => desk.change((doc) => { drawing(doc).pairs = drawing(doc).pairs.filter((p) => !p.includes(name)); })));
     this.buttons(rooted,
@@ -143,6 +159,21 @@ export class Inspector {
       panel.rotation ? chip("Flip", "Turn its other face outwards (L)", () => change((p) => flip(p))) : null,
       chip("Copy", "Make a copy beside it (Ctrl+D)", () => desk.tell("command", "copy")),
       chip("Delete", "Take the panel and its seams away (Delete)", () => desk.change((doc) => deletePanel(doc, name)), "danger"));
+  }
+
+  /** Where a panel is worn: the server finds its place there. */
+  worn(root, name) {
+    const { desk } = this, now = () => drawing(desk.doc).worn?.[name] ?? guess(name), where = now(), row = el("span", "three");
+    const place = (k, v) => {
+      const words = [...now()];
+      words[k] = v;
+      if (!words[0]) words[0] = "torso";
+      if (!words[1] && ["torso", "skirt", "leg"].includes(words[0])) words[1] = "front";
+      desk.change((doc) => { (drawing(doc).worn ??= {})[name] = words; }, `place ${(this.placing = (this.placing ?? 0) + 1)}`);
+      desk.request({ type: "place", panel: name, words: words.filter(Boolean).join(" ") });
+    };
+    row.append(this.choice(REGIONS.map((r) => [r, r || "\u2013"]), where[0], (v) => place(0, v), "worn-region"), this.choice([["front", "front"], ["back", "back"], ["", "\u2013"]], where[1], (v) => place(1, v), "worn-face"), this.choice([["", "middle"], ["left", "left"], ["right", "right"]], where[2], (v) => place(2, v), "worn-side"));
+    this.row(root, "Worn", row).dataset.tip = "Puts the panel there; drag it in the picture of the body to correct it";
   }
 
   edge(root, panel, i) {

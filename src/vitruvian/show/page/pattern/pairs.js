@@ -50,6 +50,7 @@ export function mirrorPanel(doc, name) {
   }
   const kept = drawing(doc), [low, high] = box(panel), place = kept.board[name] ?? [0, 0, 0];
   kept.board[copy.name] = [place[0] + (high[0] - low[0]) + 0.06 + high[0] + low[0], place[1], -place[2]];
+  if (kept.worn?.[name]) kept.worn[copy.name] = kept.worn[name].map((w) => otherSide(w) ?? w);
   kept.pairs.push([name, copy.name]);
   return copy.name;
 }

@@ -190,7 +190,8 @@ export function addPanel(doc, corners, wish = "panel") {
   const panel = { name, label: "body", fabric: "", order: 0, grain: [0, 1], vertices: round.map((p) => [...p]), edges };
   const [low, high] = box(panel), middle = mix(low, high, 0.5);
   panel.vertices = panel.vertices.map((p) => sub(p, middle));
-  Object.assign(panel, { rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation: [0, 1.15, 0.25] });
+  const before = doc.panels.filter((p) => p.translation?.[0] === 0 && p.translation[1] === 1.15).length; // none hides another
+  Object.assign(panel, { rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation: [0, 1.15, 0.25 + 0.03 * before] });
   doc.panels.push(panel);
   drawing(doc).board[name] = [...middle, 0];
   return name;
@@ -201,7 +202,7 @@ export function deletePanel(doc, name) {
   doc.seams = doc.seams.filter((s) => ![...s.a, ...s.b].some((r) => r[0] === name));
   doc.buttons = (doc.buttons ?? []).filter((b) => b.a[0] !== name && b.b[0] !== name);
   const kept = drawing(doc);
-  delete kept.board[name];
+  for (const of of ["board", "worn"]) if (kept[of]) delete kept[of][name];
   kept.dimensions = kept.dimensions.filter((d) => d.panel !== name);
   kept.pairs = kept.pairs.filter((p) => !p.includes(name));
 }
@@ -213,7 +214,7 @@ export function renamePanel(doc, name, wish) {
   for (const s of doc.seams) for (const r of [...s.a, ...s.b]) if (r[0] === name) r[0] = to;
   for (const b of doc.buttons ?? []) for (const side of [b.a, b.b]) if (side[0] === name) side[0] = to;
   const kept = drawing(doc);
-  if (kept.board[name]) { kept.board[to] = kept.board[name]; delete kept.board[name]; }
+  for (const of of ["board", "worn"]) if (kept[of]?.[name]) { kept[of][to] = kept[of][name]; delete kept[of][name]; }
   for (const d of kept.dimensions) if (d.panel === name) d.panel = to;
   kept.pairs = kept.pairs.map((p) => p.map((n) => (n === name ? to : n)));
   return to;
