@@ -64,6 +64,8 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
     from vitruvian.modeling.measures import measures
     from vitruvian.show.editing import EMPTY, Editing
 
+    if save is not None:
+        _writable(save)
     figure = _bare(body, repair)
     if str(source) == NEW and not source.exists():
         start: Any = EMPTY
@@ -79,7 +81,6 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
     draft = _draft(save or source)
     write = None
     if save is not None:
-        _writable(save)
         write = lambda made: write_any(made, save)  # noqa: E731
     return Editing(
         start,

@@ -33,7 +33,20 @@ REGIONS = {
     "leg": ("leg", "pant", "pants", "trouser", "trousers", "jeans", "shorts", "leggings"),
     "skirt": ("skirt",),
     "pocket": ("pocket", "pockets"),
-    "torso": ("torso", "ftorso", "btorso", "bodice", "shirt", "tshirt", "tee", "top", "dress", "jacket", "yoke", "body"),
+    "torso": (
+        "torso",
+        "ftorso",
+        "btorso",
+        "bodice",
+        "shirt",
+        "tshirt",
+        "tee",
+        "top",
+        "dress",
+        "jacket",
+        "yoke",
+        "body",
+    ),
 }
 FACES = {FRONT: ("front", "f", "ftorso", "fr"), BACK: ("back", "b", "btorso", "bk")}
 SIDES = {LEFT: ("left", "l"), RIGHT: ("right", "r")}
@@ -279,9 +292,7 @@ def _on_arm(panel: Panel, worn: Worn, f: Figure, arms: float) -> Panel:
     return replace(panel, rotation=rotation, translation=start + reach * up - rotation @ top)
 
 
-def _half_sleeve(
-    panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float
-) -> Panel:
+def _half_sleeve(panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float) -> Panel:
     """Half a sleeve that is drawn along u, as the wearer is seen from the front, or along v."""
     turn = -side * arms
     across = face * wound

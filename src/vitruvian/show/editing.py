@@ -7,6 +7,7 @@ at it, proposes seams, drapes it, and saves it where the desk was opened to save
 from __future__ import annotations
 
 import json
+import logging
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
@@ -195,11 +196,16 @@ class Editing:
                 fields["findings"] = [asdict(f) for f in examined(self.pattern())[:MAX_FINDINGS]]
             except VitruvianError as error:
                 fields["problem"] = str(error)
+            except Exception as error:  # a page that is thrown out would send the same again
+                logging.getLogger(__name__).exception("the doctor failed")
+                fields["problem"] = f"the doctor failed: {type(error).__name__}: {error}"[:300]
         return encode("findings", fields)
 
     def _placed(self, name: str, words: str) -> bytes:
         """Where a panel goes that is worn where `words` say, such as "torso front left"."""
         found = self.pattern()
+        if name not in {p.name for p in found.panels}:
+            raise VitruvianError(f"place: there is no panel {name!r:.60}")
         bare = tuple(replace(p, rotation=None, translation=None) if p.name == name else p for p in found.panels)
         wrap = {p.name: words if p.name == name else "torso front" for p in found.panels}  # the others have places
         panel = wrapped(replace(found, panels=bare, extra={"wrap": wrap}), figure(self.measures)).panel(name)
@@ -252,6 +258,9 @@ class _Drape:
             self._tell("drape", {"state": "stopped"})
         except VitruvianError as error:
             self._tell("drape", {"state": "failed", "message": str(error)})
+        except Exception as error:  # nobody else would ever hear of it
+            logging.getLogger(__name__).exception("the drape failed")
+            self._tell("drape", {"state": "failed", "message": f"{type(error).__name__}: {error}"[:300]})
 
     def _hear(self, what: str, share: float) -> None:
         if self.stopping.is_set():

@@ -31,7 +31,7 @@ export class Desk {
     let answer;
     try { answer = act(doc); } catch (error) { this.tell("notice", error.message); return undefined; }
     if (this.symmetric) follow(doc, JSON.parse(before));
-    applyDimensions(doc, this.measures);
+    this.broken = applyDimensions(doc, this.measures);
     this.settle(before, doc, key);
     return answer;
   }
@@ -63,7 +63,7 @@ export class Desk {
     this.held = null;
     const doc = this.doc;
     this.doc = JSON.parse(held);
-    if (keep) { applyDimensions(doc, this.measures); this.settle(held, doc); }
+    if (keep) { this.broken = applyDimensions(doc, this.measures); this.settle(held, doc); }
     if (!keep || JSON.stringify(doc) === held) this.tell("drawn");
   }
 

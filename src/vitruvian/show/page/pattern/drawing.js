@@ -251,7 +251,7 @@ export class Drawing {
   /** What the doctor finds, as a mark on the panel or edge. */
   findings() {
     const { context: c, board } = this, seen = new Set();
-    for (const f of board.desk.findings) {
+    for (const f of [...(board.desk.broken ?? []), ...board.desk.findings]) {
       const panel = f.severity !== "note" && board.desk.panel(f.panel), key = `${f.panel} ${f.edge}`;
       if (!panel || seen.has(key)) continue;
       seen.add(key);

@@ -11,7 +11,7 @@ import { flip, standing } from "./dressing.js";
 
 const $ = (id) => document.getElementById(id);
 const KIND_NAMES = { line: "straight", quadratic: "curve, one control", cubic: "curve, two controls", arc: "arc", polyline: "many points" };
-const LABELS = ["", "lower_interface", "left_collar", "right_collar", "left_armhole", "right_armhole", "strapless_top"];
+const LABELS = { "": "\u2013", lower_interface: "waist: it hangs by it", left_collar: "collar, left", right_collar: "collar, right", left_armhole: "armhole, left", right_armhole: "armhole, right", strapless_top: "strapless top" };
 
 const REGIONS = ["", "torso", "skirt", "leg", "sleeve", "cuff", "collar", "hood", "band", "pocket"];
 
@@ -182,14 +182,14 @@ export class Inspector {
     const keep = (text, own = options, wanted = null) => (doc) => dimension(doc, name, i, wanted, text, own, desk.symmetric);
     this.row(root, "Length", this.dimension(length(panel, i), kept, (doc, wanted, text) => keep(text, options, wanted)(doc), "edge-length"), el("i", "", "cm"));
     if (kept) this.buttons(root, el("span", "said", `${kept.length} = ${cm(length(panel, i), 2)} cm`), chip("Forget it", "Keep the length as a plain number", () => desk.change(keep(null))));
-    this.row(root, "Stays", this.choice([["start", "its start"], ["middle", "its middle"], ["end", "its end"]], options.fix, (v) => { this.fix = v; this.old = true; if (kept) desk.change(keep(kept.length, { ...options, fix: v })); }, "edge-fix"));
+    this.row(root, "Stays", this.choice([["start", "its start"], ["middle", "its middle"], ["end", "its end"]], options.fix, (v) => { this.fix = options.fix = v; if (kept) desk.change(keep(kept.length, { ...options, fix: v })); }, "edge-fix"));
     const tick = el("input");
     Object.assign(tick, { type: "checkbox", checked: options.stretch });
     tick.dataset.tip = "All of the panel that lies beyond the end goes with it, so that a rectangle stays one";
-    tick.onchange = () => { this.stretch = tick.checked; if (kept) desk.change(keep(kept.length, { ...options, stretch: tick.checked })); };
+    tick.onchange = () => { this.stretch = options.stretch = tick.checked; if (kept) desk.change(keep(kept.length, { ...options, stretch: tick.checked })); };
     this.row(root, "Stretch panel", tick);
     this.row(root, "Shape", this.choice(Object.entries(KIND_NAMES), edge.kind, (v) => desk.change((doc) => setKind(panelOf(doc, name), i, v)), "edge-kind"));
-    this.row(root, "Label", this.choice([...new Set([...LABELS, edge.label ?? ""])].map((l) => [l, l || "\u2013"]), edge.label ?? "", (v) => desk.change((doc) => { const e = panelOf(doc, name).edges[i]; if (v) e.label = v; else delete e.label; })));
+    this.row(root, "Label", this.choice(Object.entries({ [edge.label ?? ""]: edge.label ?? "", ...LABELS }), edge.label ?? "", (v) => desk.change((doc) => { const e = panelOf(doc, name).edges[i]; if (v) e.label = v; else delete e.label; }), "edge-label"));
     const seams = seamsOf(desk.doc, name, i);
     if (seams.length) { const list = el("div", "buttons"); for (const k of seams) { const c = chip(`seam ${k}`, "Select the seam", () => desk.select({ kind: "seam", index: k })); c.style.color = seamColor(k); list.append(c); } root.append(list); }
     if (edge.kind === "line") this.buttons(root, chip("Unfold", "It is cut on the fold here: mirror the panel across this edge, which is no edge any more (U)", () => desk.change((doc) => { if (!unfold(doc, name, i)) throw new Error("Only a panel without holes can be unfolded, at a straight edge."); }), "unfold"));
@@ -268,7 +268,8 @@ export class Inspector {
   }
 
   findings() {
-    const { desk } = this, root = $("findings"), list = desk.problem ? [{ rule: "", severity: "error", message: desk.problem, panel: "", edge: -1 }] : desk.findings;
+    const { desk } = this, root = $("findings"), said = desk.problem ? [{ rule: "", severity: "error", message: desk.problem, panel: "", edge: -1 }] : desk.findings;
+    const list = [...(desk.broken ?? []), ...said];
     $("finding-count").textContent = list.filter((f) => f.severity !== "note").length || "";
     $("findings-panel").classList.toggle("bad", list.some((f) => f.severity === "error"));
     root.replaceChildren(...list.map((f) => {

@@ -10,7 +10,7 @@ import { along, area, box, length } from "./geometry.js";
 import { Inspector } from "./inspector.js";
 import { evaluate, named } from "./measures.js";
 import { dimension, mirrorPanel, unfold } from "./pairs.js";
-import { deletePanel, deleteVertex, dimensionOf, drawing, fresh, panelOf, setKind } from "./shaping.js";
+import { copyDimensions, deletePanel, deleteVertex, dimensionOf, drawing, fresh, panelOf, setKind } from "./shaping.js";
 import { Corner, Dart, Pen, Rectangle, Select, Sew } from "./tools.js";
 
 const $ = (id) => document.getElementById(id);
@@ -203,6 +203,7 @@ class Page {
       panel.name = fresh(doc, s.panel);
       if (panel.translation) panel.translation[2] += 0.04;
       doc.panels.push(panel);
+      copyDimensions(doc, s.panel, panel.name);
       board[panel.name] = [place[0] + high[0] - low[0] + 0.06, place[1], place[2]];
       return panel.name;
     });

@@ -1,7 +1,7 @@
 // Panels of the body's two sides: mirrored copies, and pairs that are edited together.
 
 import { add, box, carried, controls, distance, dot, ends, loops, scale, sub, unit } from "./geometry.js";
-import { drawing, fresh, keepDimension, panelOf, renumber, setLength } from "./shaping.js";
+import { copyDimensions, drawing, fresh, keepDimension, panelOf, renumber, setLength } from "./shaping.js";
 
 const SIDES = { left: "right", right: "left", l: "r", r: "l" };
 
@@ -39,6 +39,7 @@ export function mirrorPanel(doc, name) {
     copy.translation = panel.translation.map((x, i) => (i ? x : -x));
   }
   doc.panels.push(copy);
+  copyDimensions(doc, name, copy.name, (e, fix) => [to(e), OTHER[fix]]);
   const across = (s) => [copy.name, to(s[1]), 1 - (s[3] ?? 1), 1 - (s[2] ?? 0)];
   const pairs = drawing(doc).pairs, partner = (n) => (n === name ? copy.name : pairs.find((p) => p.includes(n))?.find((m) => m !== n));
   for (const seam of [...doc.seams]) {

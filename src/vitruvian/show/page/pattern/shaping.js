@@ -153,22 +153,26 @@ export function setExtent(panel, axis, wanted) {
   for (const e of panel.edges) if (e.points) e.points = e.points.map(put);
 }
 
-/** Make all dimensions that are kept with the pattern hold, for a body of these measures. Lines about those that cannot. */
+/** Make all dimensions that are kept with the pattern hold, for a body of these measures. What the doctor says of those
+ * that do not: expressions without a value, and dimensions that contradict each other. */
 export function applyDimensions(doc, measures) {
-  const said = [], lines = drawing(doc).dimensions;
+  const lines = drawing(doc).dimensions.filter((d) => panelOf(doc, d.panel) && (d.edge === undefined || panelOf(doc, d.panel).edges[d.edge]));
+  const value = (d) => { const x = evaluate(d.length, measures) / 100; if (!(x > 0)) throw new Error("a length has to be positive"); return x; };
   for (let pass = 0; pass < 3; pass++) for (const d of lines) { // one may move what another had set
-    const panel = panelOf(doc, d.panel);
-    if (!panel || (d.edge !== undefined && !panel.edges[d.edge])) continue;
-    try {
-      const wanted = evaluate(d.length, measures) / 100;
-      if (!(wanted > 0)) throw new Error("a length has to be positive");
-      if (d.edge !== undefined) setLength(panel, d.edge, wanted, d);
-      else setExtent(panel, d.axis, wanted);
-    } catch (error) {
-      if (!pass) said.push(`${d.panel}: ${d.length}: ${error.message}`);
-    }
+    let wanted;
+    try { wanted = value(d); } catch { continue; }
+    if (d.edge !== undefined) setLength(panelOf(doc, d.panel), d.edge, wanted, d);
+    else setExtent(panelOf(doc, d.panel), d.axis, wanted);
   }
-  return said;
+  return lines.flatMap((d) => {
+    const panel = panelOf(doc, d.panel), finding = { rule: "", severity: "warning", panel: d.panel, edge: d.edge ?? -1 };
+    try {
+      const wanted = value(d), [low, high] = box(panel), now = d.edge !== undefined ? length(panel, d.edge) : high[d.axis] - low[d.axis];
+      if (Math.abs(now - wanted) < 1e-4) return [];
+      const what = d.edge !== undefined ? "length" : d.axis ? "height" : "width";
+      return [{ ...finding, message: `its ${what} ${d.length} is ${(100 * wanted).toFixed(1)} cm, but other dimensions make it ${(100 * now).toFixed(1)}: forget one of them` }];
+    } catch (error) { return [{ ...finding, message: `${d.length}: ${error.message}` }]; }
+  });
 }
 
 /** Keep an expression for an edge ({panel, edge}) or an extent ({panel, axis}), or forget it (null). */
@@ -176,6 +180,16 @@ export function keepDimension(doc, about, text, options = {}) {
   const kept = drawing(doc), same = (d) => d.panel === about.panel && d.edge === about.edge && d.axis === about.axis;
   kept.dimensions = kept.dimensions.filter((d) => !same(d));
   if (text !== null) kept.dimensions.push({ ...about, length: text, ...options });
+}
+
+/** A copy of a panel is as long as the panel; `to(edge)`: the number of its edges there, and which end stays. */
+export function copyDimensions(doc, name, copy, to = (edge, fix) => [edge, fix]) {
+  const kept = drawing(doc), mine = kept.dimensions.filter((d) => d.panel === name);
+  kept.dimensions.push(...mine.map((d) => {
+    if (d.edge === undefined) return { ...d, panel: copy };
+    const [edge, fix] = to(d.edge, d.fix ?? "start");
+    return { ...d, panel: copy, edge, fix };
+  }));
 }
 
 export const dimensionOf = (doc, panel, edge) => drawing(doc).dimensions.find((d) => d.panel === panel && d.edge === edge);
