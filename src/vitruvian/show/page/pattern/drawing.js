@@ -122,7 +122,7 @@ export class Drawing {
       c.save();
       c.translate(x, y);
       if (wide < 0.7 * tall && c.measureText(panel.name).width > wide - 16) c.rotate(-Math.PI / 2);
-      const room = wide < 0.7 * tall ? tall : wide;
+      const room = wide < 0.7 * tall ? tall : 0.8 * wide;
       let name = panel.name;
       while (name.length > 4 && c.measureText(name).width > room - 14) name = name.endsWith("\u2026") ? `${name.slice(0, -2)}\u2026` : `${name.slice(0, -1)}\u2026`;
       c.fillText(name, 0, -10);

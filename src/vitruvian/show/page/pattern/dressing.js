@@ -144,10 +144,10 @@ export class Dressing {
     const { geometry } = this.cloth, points = new Float32Array(3 * count), normals = new Float32Array(3 * count);
     positions(arrays.vertices, points);
     meshNormals(points, triangles, Uint32Array.from({ length: count }, (_, v) => v), normals);
-    if (geometry.attributes.position?.count !== count) geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count).fill(0.72), 3));
-    geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-    geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
-    geometry.setIndex(new THREE.BufferAttribute(triangles.slice(), 1));
+    const each = (of) => { const out = new Float32Array(3 * triangles.length); triangles.forEach((v, k) => { for (let j = 0; j < 3; j++) out[3 * k + j] = of[3 * v + j]; }); return new THREE.BufferAttribute(out, 3); };
+    if (geometry.attributes.position?.count !== triangles.length) geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * triangles.length).fill(0.72), 3));
+    geometry.setAttribute("position", each(points)); // corners of their own, as panels have colours of their own
+    geometry.setAttribute("normal", each(normals));
     this.worn = { triangles: triangles.slice(), panel: arrays.panel.array.slice(), strain: arrays.strain?.array.slice() };
     this.paint();
     this.show("worn");
@@ -158,10 +158,11 @@ export class Dressing {
     if (!this.cloth) return;
     const { worn } = this, color = this.cloth.geometry.attributes.color.array;
     if (this.map && worn.strain) {
-      worn.strain.forEach((s, v) => { const c = linear(RAMP[Math.min(255, Math.round((255 * s) / TIGHT))]); for (let k = 0; k < 3; k++) color[3 * v + k] = c[k]; });
+      const ramp = RAMP.map(linear);
+      worn.triangles.forEach((v, n) => color.set(ramp[Math.min(255, Math.round((255 * worn.strain[v]) / TIGHT))], 3 * n));
     } else {
       const of = this.desk.doc.panels.map((_, k) => dyed(k));
-      worn.panel.forEach((p, t) => { for (let j = 0; j < 3; j++) for (let k = 0; k < 3; k++) color[3 * worn.triangles[3 * t + j] + k] = (of[p] ?? [0.7, 0.7, 0.7])[k]; });
+      worn.panel.forEach((p, t) => { for (let j = 0; j < 3; j++) color.set(of[p] ?? [0.7, 0.7, 0.7], 9 * t + 3 * j); });
     }
     this.cloth.geometry.attributes.color.needsUpdate = true;
     this.stale = true;

@@ -36,18 +36,29 @@ export function arcOf(a, middle, b) {
   return { center, start: Math.atan2(way[1], way[0]), angle };
 }
 
-/** A point of a Bezier curve of any degree. */
-export function bezier(points, s) {
-  let p = points;
-  while (p.length > 1) p = p.slice(1).map((q, k) => mix(p[k], q, s));
-  return p[0];
-}
-
 /** Points along a line, polyline or Bezier; chords of the latter. */
 function knots(edge, a, b) {
   const all = [a, ...controls(edge), b];
   if (edge.kind === "line" || edge.kind === "polyline") return all;
-  return Array.from({ length: CHORDS + 1 }, (_, k) => bezier(all, k / CHORDS));
+  const out = new Array(CHORDS + 1), cubic = all.length === 4;
+  for (let k = 0; k <= CHORDS; k++) {
+    const t = k / CHORDS, r = 1 - t, w = cubic ? [r * r * r, 3 * t * r * r, 3 * t * t * r, t * t * t] : [r * r, 2 * t * r, t * t];
+    let x = 0, y = 0;
+    for (let j = 0; j < w.length; j++) { x += w[j] * all[j][0]; y += w[j] * all[j][1]; }
+    out[k] = [x, y];
+  }
+  return out;
+}
+
+const traces = new WeakMap(); // edge -> what was traced last, for as long as its points are the same ones
+
+/** {points, at}: points along an edge and how far along each is. */
+function traced(edge, a, b) {
+  const ends = [a, ...controls(edge), b], kept = traces.get(edge);
+  if (kept?.kind === edge.kind && kept.ends.length === ends.length && ends.every((p, k) => p[0] === kept.ends[k][0] && p[1] === kept.ends[k][1])) return kept;
+  const points = knots(edge, a, b), made = { kind: edge.kind, ends: ends.map((p) => [...p]), points, at: steps(points) };
+  traces.set(edge, made);
+  return made;
 }
 
 function steps(points) {
@@ -63,7 +74,7 @@ export function length(panel, i) {
     const { center, angle } = arcOf(a, edge.points[0], b);
     return angle ? distance(a, center) * Math.abs(angle) : distance(a, b);
   }
-  return steps(knots(edge, a, b)).at(-1);
+  return traced(edge, a, b).at.at(-1);
 }
 
 /** Points of an edge at each of `ts`, normalised arc length. */
@@ -74,7 +85,7 @@ export function along(panel, i, ts) {
     const { center, start, angle } = arcOf(a, edge.points[0], b), radius = distance(a, center);
     return clipped.map((t) => tip(t) ?? (angle ? [center[0] + radius * Math.cos(start + t * angle), center[1] + radius * Math.sin(start + t * angle)] : mix(a, b, t)));
   }
-  const points = knots(edge, a, b), at = steps(points);
+  const { points, at } = traced(edge, a, b);
   return clipped.map((t) => tip(t) ?? interpolated(points, at, t * at.at(-1)));
 }
 
@@ -123,15 +134,14 @@ function swept(panel, i) {
     const { center, angle } = arcOf(a, edge.points[0], b), r = distance(a, center);
     return 0.5 * cross(a, b) + (angle ? 0.5 * r * r * (angle - Math.sin(angle)) : 0);
   }
-  const p = knots(edge, a, b);
+  const p = traced(edge, a, b).points;
   return 0.5 * p.slice(1).reduce((total, q, k) => total + cross(p[k], q), 0);
 }
 
 /** Where an edge comes nearest to p: {t, point, distance}. */
 export function nearest(panel, i, p) {
   const [a, b] = ends(panel, i), edge = panel.edges[i];
-  const points = edge.kind === "arc" ? along(panel, i, Array.from({ length: 97 }, (_, k) => k / 96)) : knots(edge, a, b);
-  const at = steps(points);
+  const points = edge.kind === "arc" ? along(panel, i, Array.from({ length: 97 }, (_, k) => k / 96)) : traced(edge, a, b).points, at = steps(points);
   let best = { t: 0, point: a, distance: Infinity };
   for (let k = 0; k + 1 < points.length; k++) {
     const way = sub(points[k + 1], points[k]), l = dot(way, way), s = l > 0 ? Math.min(1, Math.max(0, dot(sub(p, points[k]), way) / l)) : 0;
@@ -150,7 +160,7 @@ export function cut(panel, i, t) {
     const [one, point, two] = along(panel, i, [t / 2, t, (1 + t) / 2]);
     return { point, before: piece("arc", [one]), after: piece("arc", [two]) };
   }
-  const points = knots(edge, a, b), at = steps(points), wanted = t * at.at(-1), k = below(at, wanted);
+  const { points, at } = traced(edge, a, b), wanted = t * at.at(-1), k = below(at, wanted);
   if (edge.kind === "polyline") {
     const [one, two] = [points.slice(1, k + 1), points.slice(k + 1, -1)], kind = (p) => (p.length ? "polyline" : "line");
     return { point: interpolated(points, at, wanted), before: piece(kind(one), one), after: piece(kind(two), two) };

@@ -187,7 +187,7 @@ export class Inspector {
     Object.assign(tick, { type: "checkbox", checked: options.stretch });
     tick.dataset.tip = "All of the panel that lies beyond the end goes with it, so that a rectangle stays one";
     tick.onchange = () => { this.stretch = options.stretch = tick.checked; if (kept) desk.change(keep(kept.length, { ...options, stretch: tick.checked })); };
-    this.row(root, "Stretch panel", tick);
+    this.row(root, "Stretch", tick);
     this.row(root, "Shape", this.choice(Object.entries(KIND_NAMES), edge.kind, (v) => desk.change((doc) => setKind(panelOf(doc, name), i, v)), "edge-kind"));
     this.row(root, "Label", this.choice(Object.entries({ [edge.label ?? ""]: edge.label ?? "", ...LABELS }), edge.label ?? "", (v) => desk.change((doc) => { const e = panelOf(doc, name).edges[i]; if (v) e.label = v; else delete e.label; }), "edge-label"));
     const seams = seamsOf(desk.doc, name, i);
