@@ -15,6 +15,7 @@ from vitruvian.cloth.fabric import FABRICS, Fabric, bending_from_length, fabric
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import neighbours, still
 from vitruvian.cloth.sheet import Sheet, strains
+from vitruvian.cloth.sheet import sides as sides_of
 from vitruvian.cloth.solver import Pairs, assemble, step
 from vitruvian.errors import VitruvianError
 from vitruvian.native import kernels
@@ -51,17 +52,19 @@ def test_what_is_near_is_what_the_twin_finds():
 
     rng = np.random.default_rng(3)
     points = rng.random((60, 3)).astype(np.float32) * 0.2
-    triangles = np.array([rng.choice(60, 3, replace=False) for _ in range(50)], np.int32)
-    edges = np.unique(np.sort(triangles[:, :2], axis=1), axis=0).astype(np.int32)
+    triangles = np.concatenate([rng.permutation(60).reshape(-1, 3) for _ in range(3)]).astype(np.int32)
+    edges, sides = sides_of(triangles)
     x = np.column_stack([points, np.ones(60)]).astype(np.float32)
     same = np.arange(60, dtype=np.int32)
     same[5] = 4
-    keys, sides = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
-    native = kernels()
-    ours, theirs = (f(x, triangles, edges, same, 0.02, 0.01, keys, sides) for f in (native.near_cloth, near_cloth))
-    assert ours[2] == theirs[2] > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
-    flipped = native.near_cloth(x, triangles, edges, same, 0.02, 0.01, ours[3], -ours[4])  # remembered sides stay
-    assert np.array_equal(flipped[3], ours[3]) and np.array_equal(flipped[4], -ours[4])
+    keys, known = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
+    native, limits = kernels(), np.array([0.012, 0.01, 0.015, 0.01], np.float32)
+    v = rng.normal(size=(60, 4)).astype(np.float32)
+    ours, theirs = (f(x, v, triangles, edges, sides, same, limits, keys, known) for f in (native.near_cloth, near_cloth))
+    assert len(ours[1]) > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
+    assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known)[0])
+    flipped = native.near_cloth(x, v, triangles, edges, sides, same, limits, ours[2], -ours[3])  # remembered sides stay
+    assert np.array_equal(flipped[2], ours[2]) and np.array_equal(flipped[3], -ours[3])
     cuts = native.cloth_cuts(x, triangles, edges, same)
     assert len(cuts) > 20 and np.array_equal(cuts, cloth_cuts(x, triangles, edges, same))
 

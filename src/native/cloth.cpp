@@ -133,7 +133,7 @@ void sew(const ClothFrame& f, float share, float over) {
         const float way[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
         const float apart = sqrtf(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
         const float both = a[3] + b[3] + r[2] * over, far = apart - (r[0] + share * (r[1] - r[0]));
-        if (!(both > 0) || apart < 1e-9f) continue;
+        if (!(both > 0) || far <= 0 || apart < 1e-9f) continue;  // thread pulls, it does not push
         for (int j = 0; j < 3; ++j) {
             const float move = far / (apart * both) * way[j];
             a[j] += a[3] * move, b[j] -= b[3] * move;
@@ -276,59 +276,90 @@ void push(const ClothFrame& f, const ClothBody& body, int64_t n, float s0, float
     }
 }
 
-// Cloth against cloth: pairs in their order, each moved apart to its gap, and rubbing.
+// Shares of four vertices in the way between what is nearest of a vertex and a triangle, or of two edges; true where both
+// are inside the triangle or the edges.
+bool closest(const ClothTouch& t, int64_t k, float* const x[4], float share[4]) {
+    if (k < t.corners) {
+        float c[3][3], s[3];
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) c[i][j] = x[i + 1][j];
+        const bool inside = foot(x[0], c, s) < 0;
+        share[0] = 1, share[1] = -s[0], share[2] = -s[1], share[3] = -s[2];
+        return inside;
+    }
+    float d1[3], d2[3], a = 0, e = 0, b = 0, c = 0, g = 0;
+    for (int j = 0; j < 3; ++j) {
+        d1[j] = x[1][j] - x[0][j], d2[j] = x[3][j] - x[2][j];
+        const float r = x[0][j] - x[2][j];
+        a += d1[j] * d1[j], e += d2[j] * d2[j], b += d1[j] * d2[j], c += d1[j] * r, g += d2[j] * r;
+    }
+    const auto within = [](float value) { return value > 0 ? (value < 1 ? value : 1) : 0; };
+    const float whole = a * e - b * b;
+    const bool across = whole > 1e-6f * a * e;
+    float s = across ? within((b * g - c * e) / whole) : 0.5f;
+    const float q = e > 0 ? within((b * s + g) / e) : 0;
+    s = a > 0 ? within((b * q - c) / a) : 0;
+    share[0] = 1 - s, share[1] = s, share[2] = q - 1, share[3] = -q;
+    return across && s > 0 && s < 1 && q > 0 && q < 1;
+}
+
+float blend(float* const x[4], const float share[4], float way[3]) {
+    float squared = 0;
+    for (int j = 0; j < 3; ++j) {
+        way[j] = share[0] * x[0][j] + share[1] * x[1][j] + share[2] * x[2][j] + share[3] * x[3][j];
+        squared += way[j] * way[j];
+    }
+    return sqrtf(squared);
+}
+
+// Cloth against cloth: pairs in their order, each moved apart to its gap, and rubbing. A pair is not looked at before its
+// vertices have come as far as it was apart (due, of the paths that they have covered).
 void part(const ClothFrame& f, const ClothTouch& t) {
+    const auto path = [&f, &t](int64_t k) {
+        const int32_t* i = t.vertex + 4 * k;
+        const auto larger = [](float a, float b) { return a > b ? a : b; };
+        const float *s = f.path, c = larger(s[i[2]], s[i[3]]);
+        return k < t.corners ? s[i[0]] + larger(s[i[1]], c) : larger(s[i[0]], s[i[1]]) + c;
+    };
     for (int64_t k = 0; k < t.count; ++k) {
+        const float gone = path(k);
+        if (gone < t.due[k]) continue;
         const int32_t* index = t.vertex + 4 * k;
-        float *x[4], *p[4], share[4];
+        float *x[4], *p[4], share[4], way[3], n[3];
         for (int i = 0; i < 4; ++i) x[i] = f.x + 4 * int64_t(index[i]), p[i] = f.p + 4 * int64_t(index[i]);
-        float n[3];
-        if (k < t.corners) {
-            float c[3][3], s[3];
-            for (int i = 0; i < 3; ++i)
-                for (int j = 0; j < 3; ++j) c[i][j] = x[i + 1][j];
-            foot(x[0], c, s);
-            share[0] = 1, share[1] = -s[0], share[2] = -s[1], share[3] = -s[2];
-            const float u[3] = {c[1][0] - c[0][0], c[1][1] - c[0][1], c[1][2] - c[0][2]};
-            const float w[3] = {c[2][0] - c[0][0], c[2][1] - c[0][1], c[2][2] - c[0][2]};
+        const bool inside = closest(t, k, x, share);
+        const float gap = t.gap[k], apart = blend(x, share, way);
+        float deep = gap - apart;
+        if (k < t.corners && inside) {
+            const float u[3] = {x[2][0] - x[1][0], x[2][1] - x[1][1], x[2][2] - x[1][2]};
+            const float w[3] = {x[3][0] - x[1][0], x[3][1] - x[1][1], x[3][2] - x[1][2]};
             n[0] = u[1] * w[2] - u[2] * w[1], n[1] = u[2] * w[0] - u[0] * w[2], n[2] = u[0] * w[1] - u[1] * w[0];
-        } else {
-            float d1[3], d2[3], r[3], a = 0, e = 0, b = 0, c = 0, g = 0;
-            for (int j = 0; j < 3; ++j) {
-                d1[j] = x[1][j] - x[0][j], d2[j] = x[3][j] - x[2][j], r[j] = x[0][j] - x[2][j];
-                a += d1[j] * d1[j], e += d2[j] * d2[j], b += d1[j] * d2[j], c += d1[j] * r[j], g += d2[j] * r[j];
-            }
-            const float whole = a * e - b * b;
-            if (!(whole > 1e-6f * a * e)) continue;  // parallel: their ends meet triangles
-            float s = (b * g - c * e) / whole, q = (a * g - b * c) / whole;
-            if (s <= 0 || s >= 1 || q <= 0 || q >= 1) continue;
-            share[0] = 1 - s, share[1] = s, share[2] = q - 1, share[3] = -q;
-            n[0] = d1[1] * d2[2] - d1[2] * d2[1], n[1] = d1[2] * d2[0] - d1[0] * d2[2], n[2] = d1[0] * d2[1] - d1[1] * d2[0];
+            const float size = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+            if (size < 1e-14f) continue;
+            float above = 0;
+            for (int j = 0; j < 3; ++j) n[j] *= t.side[k] / size, above += way[j] * n[j];
+            deep = gap - above;
+        } else if (k >= t.corners && inside) {
+            const float* first = t.first + 3 * (k - t.corners);  // where the one edge was, seen from the other
+            const float sign = way[0] * first[0] + way[1] * first[1] + way[2] * first[2] < 0 ? -1.0f : 1.0f;
+            const bool touching = apart < 1e-7f;
+            for (int j = 0; j < 3; ++j) n[j] = touching ? first[j] : sign * way[j] / apart;
+            deep = gap - sign * apart;
         }
-        float size = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), apart = 0, both = 0, way[3];
-        if (size < 1e-14f) continue;
-        for (int j = 0; j < 3; ++j) {
-            n[j] *= t.side[k] / size;
-            way[j] = share[0] * x[0][j] + share[1] * x[1][j] + share[2] * x[2][j] + share[3] * x[3][j];
-            apart += way[j] * n[j];
+        if (deep <= 0) {
+            t.due[k] = gone - deep;
+            continue;
         }
-        if (k < t.corners) {  // beside the triangle it touches only what is near its rim
-            float beside = 0;
-            for (int j = 0; j < 3; ++j) beside += (way[j] - apart * n[j]) * (way[j] - apart * n[j]);
-            if (beside > t.gap[k] * t.gap[k]) continue;
+        if (!inside) {  // beside the triangle's rim, where others see to its side
+            if (k >= t.corners || apart < 1e-7f) continue;
+            for (int j = 0; j < 3; ++j) n[j] = way[j] / apart;
         }
-        const float c = t.gap[k] - apart;
-        if (c <= 0) continue;
+        float both = 0, slip[3], along = 0, length = 0;
         for (int i = 0; i < 4; ++i) both += x[i][3] * share[i] * share[i];
         if (!(both > 0)) continue;
-        float by = c / both, slip[3], along = 0, length = 0;
-        const float most = 0.5f * t.gap[k] / both;
-        if (by > most) by = most;
-        for (int j = 0; j < 3; ++j) {
-            slip[j] = 0;
-            for (int i = 0; i < 4; ++i) slip[j] += share[i] * (x[i][j] - p[i][j]);
-            along += slip[j] * n[j];
-        }
+        const float by = (deep < 0.5f * gap ? deep : 0.5f * gap) / both;
+        blend(p, share, slip);
+        for (int j = 0; j < 3; ++j) slip[j] = way[j] - slip[j], along += slip[j] * n[j];
         for (int j = 0; j < 3; ++j) slip[j] -= along * n[j], length += slip[j] * slip[j];
         length = sqrtf(length);
         const float grip = t.friction[k] * by * both, rub = (length <= grip ? 1 : grip / length) / both;
@@ -339,12 +370,44 @@ void part(const ClothFrame& f, const ClothTouch& t) {
     }
 }
 
+// What a frame begins with: nothing is known of pairs, and how edges lie to each other.
+void meet(const ClothFrame& f, const ClothTouch& t) {
+    for (int64_t k = 0; k < t.count; ++k) {
+        t.due[k] = 0;
+        if (k < t.corners) continue;
+        const int32_t* index = t.vertex + 4 * k;
+        float *x[4], share[4], *first = t.first + 3 * (k - t.corners);
+        for (int i = 0; i < 4; ++i) x[i] = f.x + 4 * int64_t(index[i]);
+        closest(t, k, x, share);
+        const float apart = blend(x, share, first);
+        for (int j = 0; j < 3; ++j) first[j] = apart > 0 ? first[j] / apart : 0;
+    }
+}
+
+// How far vertices have come, beside what all of them have in common.
+void advance(const ClothFrame& f, int64_t n) {
+    double mean[3] = {0, 0, 0};
+    for (int64_t i = 0; i < n; ++i)
+        for (int j = 0; j < 3; ++j) mean[j] += double(f.x[4 * i + j]) - double(f.seen[4 * i + j]);
+    float common[3];
+    for (int j = 0; j < 3; ++j) common[j] = float(mean[j] / double(n));
+    for (int64_t i = 0; i < n; ++i) {
+        float squared = 0;
+        for (int j = 0; j < 3; ++j) {
+            const float moved = f.x[4 * i + j] - f.seen[4 * i + j] - common[j];
+            squared += moved * moved, f.seen[4 * i + j] = f.x[4 * i + j];
+        }
+        f.path[i] += sqrtf(squared);
+    }
+}
+
 }  // namespace
 
 void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBody& body, const ClothTouch& near) {
     const int64_t n = program.vertices;
     const float h = f.step, over = 1 / (h * h), keep = expf(-f.damping * h);
-    for (int64_t i = 0; i < n; ++i) f.slack[i] = 0;
+    for (int64_t i = 0; i < n; ++i) f.slack[i] = f.path[i] = 0;
+    if (near.count) meet(f, near), memcpy(f.seen, f.x, size_t(n) * 16);
     for (int s = 0; s < f.substeps; ++s) {
         const float s0 = float(s) / float(f.substeps), s1 = float(s + 1) / float(f.substeps);
         for (int64_t i = 0; i < n; ++i) {
@@ -374,7 +437,7 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
         for (int64_t g = 0; g < program.tethers; ++g)
             tether(f.x, program.tether + 16 * g, program.tether_rest + 8 * g);
         if (f.pairs) sew(f, s1, over);
-        if (near.count) part(f, near);
+        if (near.count) advance(f, n), part(f, near);
         if (body.triangles) push(f, body, n, s0, s1, body.reach / float(f.substeps));
         for (int64_t i = 0; i < n; ++i) {
             float *x = f.x + 4 * i, *v = f.v + 4 * i, *q = f.q + 4 * i;

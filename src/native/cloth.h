@@ -37,10 +37,12 @@ struct ClothBody {
 struct ClothTouch {
     int64_t count;
     const int32_t* vertex;          // (count, 4) a vertex and a triangle, or the ends of two edges
-    const float* side;              // (count,) 1 or -1: on which side of the triangle, or how the edges lie
+    const float* side;              // (corners,) 1 or -1: on which side of the triangle
     const float* gap;               // (count,) metres to keep
     const float* friction;          // (count,)
     int64_t corners;                // the first of them are vertices and triangles
+    float* due;                     // (count,) scratch: what their vertices may come before they can touch
+    float* first;                   // (count - corners, 3) scratch: from the second edge to the first as the frame begins
 };
 
 struct ClothFrame {
@@ -53,6 +55,8 @@ struct ClothFrame {
     float* hinge_force;             // (groups, 3, 8)
     float carry;                    // share of them that the next substep begins with
     float* slack;                   // (n,) scratch
+    float* path;                    // (n,) scratch: how far vertices have come in this frame
+    float* seen;                    // (n, 4) scratch: where they were when that was measured
     float step;                     // seconds of a substep
     int substeps;
     float gravity[3];

@@ -33,23 +33,26 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Out
     check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
     check(d.shape(0) == x.shape(0) && d.shape(1) == 4, "multipliers do not fit");
     check(membrane_force.shape(0) == membrane.shape(0) && hinge_force.shape(0) == hinge.shape(0), "multipliers do not fit");
-    check(side.shape(0) == near.shape(0) && gap.shape(0) == near.shape(0) && rub.shape(0) == near.shape(0),
-          "contacts do not fit");
+    const int64_t contacts = int64_t(near.shape(0));
+    check(corners >= 0 && corners <= contacts && int64_t(side.shape(0)) == corners, "contacts do not fit");
+    check(gap.shape(0) == near.shape(0) && rub.shape(0) == near.shape(0), "contacts do not fit");
     check(substeps > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
     const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
                                    int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
                                    int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
-    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 9]);
+    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 14]);
     const float* g = gravity.data();
     const vt::ClothFrame frame{x.data(), v.data(), scratch.get(), scratch.get() + 4 * (n + 1),
                                d.data(), membrane_force.data(), hinge_force.data(), carry,
-                               scratch.get() + 8 * (n + 1),
+                               scratch.get() + 8 * (n + 1), scratch.get() + 9 * (n + 1), scratch.get() + 10 * (n + 1),
                                float(dt / substeps), substeps, {g[0], g[1], g[2]}, damping,
                                int64_t(pin.shape(0)), pin.data(), pin_path.data(),
                                int64_t(pair.shape(0)), pair.data(), pair_rest.data(), limit};
     const vt::ClothBody body{int64_t(triangle.shape(0)), triangle.data(), neighbour.data(), before.data(), after.data(),
                              offset, most, reach, nearest.data(), friction.data()};
-    const vt::ClothTouch touch{int64_t(near.shape(0)), near.data(), side.data(), gap.data(), rub.data(), corners};
+    std::unique_ptr<float[]> pairs(new float[size_t(contacts + 3 * (contacts - corners)) + 1]);
+    const vt::ClothTouch touch{contacts, near.data(), side.data(), gap.data(), rub.data(), corners,
+                               pairs.get(), pairs.get() + contacts};
     nb::gil_scoped_release release;
 #if defined(VT_HAVE_V3)
     if (newer()) {
@@ -65,23 +68,27 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
     check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
     check(same.shape(0) == x.shape(0), "surface does not fit");
     return {x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
-            int64_t(edge.shape(0)), same.data()};
+            int64_t(edge.shape(0)), nullptr, same.data()};
 }
 
-// Pairs (k,4), sides (k,), how many of them are vertices and triangles, and keys (r,2) and sides (r,)
-// of those to be remembered.
-nb::tuple near_cloth(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
-                     Array<int32_t, 1> same, float reach, float firm,
-                     Array<int32_t, 2> before, Array<float, 1> side) {
-    const vt::Surface s = surface(x, triangle, edge, same);
+// Pairs (k,4), first those of vertices and triangles, of which there are c, with their sides (c,), then those of edges;
+// keys (r,2) and sides (r,) of those to be remembered. limits: the four of vt::Reach.
+nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
+                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side) {
+    vt::Surface s = surface(x, triangle, edge, same);
+    check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
+    s.sides = sides.data();
+    check(v.shape(0) == x.shape(0) && v.shape(1) == 4, "velocities do not fit");
+    check(limits.shape(0) == 4 && before.shape(1) == 2 && side.shape(0) == before.shape(0), "what is known does not fit");
+    const float* l = limits.data();
     vt::Near out;
     {
         nb::gil_scoped_release release;
-        vt::find_near(s, reach, firm, before.data(), side.data(), int64_t(before.shape(0)), out);
+        vt::find_near(s, v.data(), {l[0], l[1], l[2], l[3]}, before.data(), side.data(), int64_t(before.shape(0)), out);
         out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
     }
-    const size_t all = out.side.size(), kept = out.key_side.size();
-    return nb::make_tuple(lasting(std::move(out.corner), {all, 4}), lasting(std::move(out.side), {all}), out.corners,
+    const size_t all = out.corner.size() / 4, corners = out.side.size(), kept = out.key_side.size();
+    return nb::make_tuple(lasting(std::move(out.corner), {all, 4}), lasting(std::move(out.side), {corners}),
                           lasting(std::move(out.key), {kept, 2}), lasting(std::move(out.key_side), {kept}));
 }
 

@@ -12,21 +12,31 @@ struct Surface {
     int64_t triangles;
     const int32_t* edge;  // (e, 2)
     int64_t edges;
+    const int32_t* sides;  // (m, 3) which edges a triangle has, corner k to k + 1; of find_near only
     const int32_t* same;  // (n,) vertices with the same number are sewn to each other, or will be
 };
 
 struct Near {
     std::vector<int32_t> corner;  // (c, 4) vertex and triangle's vertices, sorted by vertex, then triangle
-    int64_t corners = 0;          // c
     std::vector<int32_t> key;     // (r, 2) vertex and triangle of those nearer than `firm`, whose sides are to be remembered
     std::vector<float> key_side;  // (r,)
-    std::vector<float> side;      // (c,) on which side of the triangle the vertex is, then of edges: how they lie
+    std::vector<float> side;      // (c,) on which side of the triangle the vertex is
     std::vector<int32_t> cross;   // (k, 4) ends of two edges, sorted
 };
 
-// Vertices and triangles without a common vertex, or one that is the `same`, that are at most `reach` apart, and such edges. `before` (b, 2) sorted
-// keys with their sides (b,): a pair that is among them keeps its side.
-void find_near(const Surface& surface, float reach, float firm, const int32_t* before, const float* side, int64_t known, Near& out);
+// What is near: things that are, or come, within so many metres of each other when they move straight on for a time, or as
+// far as the limit.
+struct Reach {
+    float still;   // metres
+    float time;    // seconds
+    float moving;  // metres
+    float firm;    // metres: sides of what is nearer are remembered
+};
+
+// Vertices and triangles without a common vertex, or one that is the `same`, that are within reach, and such edges; v
+// (n, 4) m/s. `before` (b, 2) sorted keys with their sides (b,): a pair that is among them keeps its side.
+void find_near(const Surface& surface, const float* v, const Reach& reach, const int32_t* before, const float* side,
+               int64_t known, Near& out);
 
 // (k, 2) edges and triangles without a common vertex that cut each other.
 void find_cuts(const Surface& surface, std::vector<int32_t>& out);

@@ -131,9 +131,10 @@ def cloth_frame(x: Single, v: Single, d: Single, *arrays: object) -> None:
     """One frame of cloth, in place; in the order of `vitruvian.cloth.solver.step`."""
 
 def near_cloth(
-    x: Single, triangles: Ints, edges: Ints, same: Ints, reach: float, firm: float, before: Ints, side: Single
-) -> tuple[Ints, Single, int, Ints, Single]:
-    """Pairs (k,4), sides (k,), how many are vertices with triangles, and keys (r,2) and sides of those to remember."""
+    x: Single, v: Single, triangles: Ints, edges: Ints, sides: Ints, same: Ints, limits: Single,
+    before: Ints, side: Single,
+) -> tuple[Ints, Single, Ints, Single]:
+    """Pairs (k,4), sides (c,) of the first, vertices with triangles, and keys (r,2) and sides of those to remember."""
 
 def cloth_cuts(x: Single, triangles: Ints, edges: Ints, same: Ints) -> Ints:
     """(k,2) edges and triangles without a common vertex that cut each other."""

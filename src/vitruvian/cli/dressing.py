@@ -58,7 +58,7 @@ def dress(
         "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
-    arms: float = typer.Option(30.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.fabric import Fabric
 from vitruvian.cloth.pattern import Pattern, area
-from vitruvian.cloth.sheet import Sheet
+from vitruvian.cloth.sheet import Sheet, sides
 from vitruvian.cloth.tessellate import PanelMesh
 
 
@@ -49,11 +49,37 @@ class Garment:
 
 
 def sewn(mesh: PanelMesh, weld: Ints | None, fabrics: tuple[Fabric, ...]) -> Sheet:
-    """The sheet of flat panels, welded or (None) each for itself; `fabrics` of the panels."""
+    """The sheet of flat panels, welded or (None) each for itself; `fabrics` of the panels.
+
+    Where both sides of a seam differ in length, the longer is gathered: along the seam its rest length is the shorter's, as
+    its folds are finer than the mesh.
+    """
     different = tuple(dict.fromkeys(fabrics))
     number = np.array([different.index(f) for f in fabrics], np.int32)
     triangles = mesh.triangles if weld is None else weld[mesh.triangles]
-    return Sheet(triangles, mesh.grain[mesh.triangles], number[mesh.panel[mesh.triangles[:, 0]]], different)
+    material = mesh.grain[mesh.triangles]
+    if weld is not None:
+        material = _gathered(triangles, material)
+    return Sheet(triangles, material, number[mesh.panel[mesh.triangles[:, 0]]], different)
+
+
+FINEST = 0.2  # of its length that a side is gathered to at most
+
+
+def _gathered(triangles: Ints, material: Floats) -> Floats:
+    """material (m,3,2), each triangle shortened along those of its sides that are shorter in another triangle."""
+    edges, side = sides(triangles)
+    lengths = np.linalg.norm(np.roll(material, -1, axis=1) - material, axis=2)
+    least = np.full(len(edges), np.inf)
+    np.minimum.at(least, side.ravel(), lengths.ravel())
+    out = material.copy()
+    for k in range(3):
+        share = np.maximum(least[side[:, k]] / lengths[:, k], FINEST)
+        some = share < 1 - 1e-6
+        way = (material[some, (k + 1) % 3] - material[some, k]) / lengths[some, k, None]
+        along = np.einsum("mkx,mx->mk", out[some], way)
+        out[some] += ((share[some] - 1)[:, None] * along)[..., None] * way[:, None]
+    return out
 
 
 GAP = 0.02  # metres between panels in the picture that texture coordinates speak of

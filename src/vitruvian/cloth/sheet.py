@@ -60,9 +60,24 @@ class Sheet:
     @cached_property
     def edges(self) -> Ints:
         """(e,2) of the triangles, each once, smaller vertex first."""
-        t = self.triangles
-        every = np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1)
-        return np.unique(every, axis=0).astype(np.int32)
+        return self._sides[0]
+
+    @cached_property
+    def sides(self) -> Ints:
+        """(m,3) which of `edges` each triangle has, from corner k to k + 1."""
+        return self._sides[1]
+
+    @cached_property
+    def _sides(self) -> tuple[Ints, Ints]:
+        return sides(self.triangles)
+
+
+def sides(triangles: Ints) -> tuple[Ints, Ints]:
+    """(e,2) edges of triangles (m,3), each once, smaller vertex first, and (m,3) which each triangle has, from corner k to
+    k + 1."""
+    every = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    edges, number = np.unique(every, axis=0, return_inverse=True)
+    return edges.astype(np.int32), number.reshape(-1, 3).astype(np.int32)
 
 
 def strains(sheet: Sheet, x: NDArray[np.floating]) -> Floats:

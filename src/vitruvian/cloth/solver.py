@@ -22,6 +22,7 @@ FRAME, SUBSTEPS = 1 / 60, 20
 GRAVITY = (0.0, -9.81, 0.0)
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
 FIRM = 1.5  # gaps: what was so near is on the side where it was, whatever a frame makes of it
+HURRY, SUDDEN = 1.5, 4.9  # what is near may be so much faster in the coming frame, and m/s^2 that set it moving
 CARRY = 0.5  # of the constraints' multipliers that the next substep begins with; above 0.7 cloth begins to ring
 NONE: Ints = np.zeros((0, 2), np.int32)
 
@@ -71,7 +72,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Vertices (p,2) drawn together: metres apart at a frame's begin and end, (p,) each; compliance m/N."""
+    """Vertices (p,2) drawn together: metres apart at most at a frame's begin and end, (p,) each; compliance m/N."""
 
     vertices: Ints
     start: Floats
@@ -140,7 +141,7 @@ def step(
     if obstacle is not None:
         fresh = state.nearest is None or state.frame % SEEK == 0
         nearest = obstacle.nearest(state.x.astype(np.float64))[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
-    touch, known = _touching(cloth, state, x, dt, substeps)
+    touch, known = _touching(cloth, state, x, v, dt, substeps)
     native = kernels()
     if native is None:
         from vitruvian.cloth.solver_numpy import cloth_frame
@@ -181,26 +182,28 @@ def _friction(cloth: Cloth, name: str) -> Single:
     return cloth.sheet.of_vertices(name).astype(np.float32)
 
 
-def _touching(cloth: Cloth, state: State, x: Single, dt: float, substeps: int) -> tuple[tuple, tuple[Ints, Single]]:
+def _touching(
+    cloth: Cloth, state: State, x: Single, v: Single, dt: float, substeps: int
+) -> tuple[tuple, tuple[Ints, Single]]:
     """What of the cloth is near to itself at the frame's begin, as the kernel takes it, and what to remember."""
     nothing = np.zeros(0, np.float32)
     if not cloth.gap:
         return (np.zeros((0, 4), np.int32), nothing, nothing, nothing, 0), (NONE, nothing)
     native = kernels()
-    fastest = float(np.sqrt((state.v.astype(np.float64) ** 2).sum(axis=1).max(initial=0)))
-    reach = cloth.gap + 2 * min(fastest * dt, 0.5 * cloth.gap * substeps)  # as far as the limit lets both come
+    firm = FIRM * cloth.gap
+    limits = np.array([firm + SUDDEN * dt * dt, HURRY * dt, cloth.gap * substeps, firm], np.float32)
     if native is None:
         from vitruvian.cloth.touch_numpy import near_cloth
     else:
         near_cloth = native.near_cloth
     n = len(state.x)
     sheet = cloth.sheet
-    index, side, corners, key, kept = near_cloth(
-        x[:n], sheet.triangles, sheet.edges, cloth.same, reach, FIRM * cloth.gap, state.near, state.side
+    index, side, key, kept = near_cloth(
+        x[:n], v[:n], sheet.triangles, sheet.edges, sheet.sides, cloth.same, limits, state.near, state.side
     )
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = _friction(cloth, "friction_self")[index[:, 0]]
-    return (index, side, gap, friction, int(corners)), (key, kept)
+    return (index, side, gap, friction, len(side)), (key, kept)
 
 
 def without_touching(cloth: Cloth) -> Cloth:

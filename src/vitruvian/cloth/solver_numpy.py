@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints
-from vitruvian.cloth.touch_numpy import shares
+from vitruvian.cloth.touch_numpy import closest, shares
 
 Single = NDArray[np.float32]
 
@@ -29,6 +29,8 @@ def cloth_frame(
         np.append(speed, np.zeros((1, 3)), axis=0),
     )
     free = w > 0
+    first = [closest(at[index], k < corners)[0] @ at[index] for k, index in enumerate(near)]
+    first = [way / max(float(np.linalg.norm(way)), 1e-30) for way in first]
     for s in range(substeps):
         low, high = s / substeps, (s + 1) / substeps
         was = at.copy()
@@ -54,12 +56,13 @@ def cloth_frame(
         for (a, b), (start, end, compliance) in zip(pair, pair_rest.astype(np.float64)):
             way_ = at[b] - at[a]
             apart, both = np.linalg.norm(way_), w[a] + w[b] + compliance / (h * h)
-            if both > 0 and apart >= 1e-9:
-                move = (apart - (start + high * (end - start))) / (apart * both) * way_
+            far = apart - (start + high * (end - start))
+            if both > 0 and far > 0 and apart >= 1e-9:
+                move = far / (apart * both) * way_
                 at[a] += w[a] * move
                 at[b] -= w[b] * move
         for k in range(len(near)):
-            _part(at, was, w, near[k], float(side[k]), float(gap[k]), float(rub[k]), k < corners)
+            _part(at, was, w, near[k], float(side[k]) if k < corners else 0.0, float(gap[k]), float(rub[k]), first[k])
         if len(triangle):
             body = before.astype(np.float64) + high * (after.astype(np.float64) - before)
             then = before.astype(np.float64) + low * (after.astype(np.float64) - before)
@@ -149,35 +152,27 @@ def _push(
     at[hit] += move[hit]
 
 
-def _part(at: Floats, was: Floats, w: Floats, index: Ints, side: float, gap: float, rub: float, corner: bool) -> None:
+def _part(at: Floats, was: Floats, w: Floats, index: Ints, side: float, gap: float, rub: float, first: Floats) -> None:
+    """Vertex and triangle where there is a side, else edges, of which `first` is the way as the frame began."""
     x, p, inverse = at[index], was[index], w[index]
-    if corner:
-        s = shares(x[:1], x[None, 1:])[0]
-        share = np.array([1.0, -s[0], -s[1], -s[2]])
-        n = np.cross(x[2] - x[1], x[3] - x[1])
-    else:
-        d1, d2, r = x[1] - x[0], x[3] - x[2], x[0] - x[2]
-        a, e, b, c, g = d1 @ d1, d2 @ d2, d1 @ d2, d1 @ r, d2 @ r
-        whole = a * e - b * b
-        if not whole > 1e-6 * a * e:
-            return
-        s_, q = (b * g - c * e) / whole, (a * g - b * c) / whole
-        if not (0 < s_ < 1 and 0 < q < 1):
-            return
-        share = np.array([1 - s_, s_, q - 1, -q])
-        n = np.cross(d1, d2)
-    size = np.linalg.norm(n)
-    if size < 1e-14:
-        return
-    n = n * side / size
+    share, inside = closest(x, side != 0)
     way = share @ x
-    apart = way @ n
-    if corner and np.sum((way - apart * n) ** 2) > gap * gap:
-        return
+    apart = float(np.linalg.norm(way))
+    n, deep = way / max(apart, 1e-30), gap - apart
+    if inside and side:
+        n = np.cross(x[2] - x[1], x[3] - x[1])
+        size = np.linalg.norm(n)
+        if size < 1e-14:
+            return
+        n = n * side / size
+        deep = gap - float(way @ n)
+    elif inside:
+        sign = -1.0 if way @ first < 0 else 1.0
+        n, deep = first if apart < 1e-7 else sign * n, gap - sign * apart
     both = float(np.sum(inverse * share**2))
-    if gap - apart <= 0 or not both > 0:
+    if deep <= 0 or not both > 0 or (not inside and (not side or apart < 1e-7)):
         return
-    by = min(gap - float(apart), 0.5 * gap) / both
+    by = min(deep, 0.5 * gap) / both
     slip = share @ (x - p)
     slip -= (slip @ n) * n
     length, grip = float(np.linalg.norm(slip)), rub * by * both

@@ -20,20 +20,19 @@ from vitruvian.cloth.garment import Garment, sewn
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
-from vitruvian.cloth.placing import ARMS, dummy, hung
+from vitruvian.cloth.placing import ARMS, dummy, hung, waist
 from vitruvian.cloth.sheet import Sheet, strains
 from vitruvian.cloth.solver import FRAME, SUBSTEPS, Cloth, Pairs, State, assemble, step
 from vitruvian.cloth.tessellate import PanelMesh, tessellate, topology, welded
 from vitruvian.cloth.untangling import untangle
 
 SEWING = 1.0  # seconds in which seams close
+PULL = 1.5  # m/s with which a thread draws together what is still apart
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
-WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
-HELD = 0.2  # of what a waist has slipped while it is sewn is put right each frame
+HELD = 0.5  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
 STILL, CALM = 2e-3, 30  # m/s (root mean square of all vertices, mean of so many frames): at rest
-LOOK = 0.15  # seconds between two looks at cloth that moves
 Progress = Callable[[str, float], None]
 Watch = Callable[[Floats, Ints], None]
 
@@ -54,8 +53,7 @@ def tailor(
     The body stands with its arms `arms` radians below the horizontal; its shape is taken as it is. fabric: a preset's name
     or a Fabric, for panels that name none; size: metres between vertices; gap: metres between cloths that touch (None: the
     fabric's thickness, 1 mm at least);
-    progress(what, share) is called now and then; watch(positions (n,3), triangles (m,3)) a few times a second, with how
-    the cloth moves. What they raise ends the work.
+    progress(what, share) is called now and then, watch(positions (n,3), triangles (m,3)) after every frame.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
@@ -69,13 +67,13 @@ def tailor(
     clock("mesh")
     cloths = tuple(_fabric(p.fabric, fabric) for p in pattern.panels)
     obstacle = still(mannequin.vertices, mannequin.triangles)
-    flat = hung(pattern, mesh.material, mesh.panel, obstacle.distances)
+    flat = hung(pattern, mesh, mannequin, obstacle.distances)
     clock("place")
     thick = max(1e-3, *(f.thickness for f in cloths)) if gap is None else gap
     smooth = tuple(replace(f, friction_body=0.0) for f in cloths)  # sewn on silk, so that it finds its place
     weld = welded(mesh)
-    sewing = assemble(sewn(mesh, None, smooth))
-    state, apart = _sewn(sewing, mesh, flat, obstacle, _waist(pattern, mesh), progress, watch)
+    sewing = assemble(sewn(mesh, None, smooth), gap=max(thick, 2e-3), same=weld)
+    state, apart = _sewn(sewing, mesh, flat, obstacle, waist(pattern, mesh), progress, watch)
     clock("sew")
     positions = _merged(state.x.astype(np.float64), weld)
     cloth = assemble(sewn(mesh, weld, cloths), gap=thick)
@@ -126,31 +124,10 @@ class _Clock:
         self.parts[name], self.last = now - self.last, now
 
 
-class _Looks:
-    """Shows cloth that moves to who watches, a few times a second."""
-
-    def __init__(self, watch: Watch | None, cloth: Cloth) -> None:
-        self.watch, self.triangles, self.last = watch, cloth.sheet.triangles, 0.0
-
-    def __call__(self, state: State) -> None:
-        if self.watch and time.perf_counter() - self.last > LOOK:
-            self.watch(state.x.astype(np.float64), self.triangles)
-            self.last = time.perf_counter()
-
-
 def _fabric(name: str, usual: str | Fabric) -> Fabric:
     if name:
         return fabric_named(name)
     return usual if isinstance(usual, Fabric) else fabric_named(usual)
-
-
-def _waist(pattern: Pattern, mesh: PanelMesh) -> Ints:
-    """Vertices of the edges that a garment without shoulders hangs by: they stay as high as the pattern puts them."""
-    labels = {e.label for p in pattern.panels for e in p.edges}
-    if any(label.endswith(SHOULDERS) for label in labels):
-        return np.zeros(0, np.int32)
-    named = [(k, i) for k, p in enumerate(pattern.panels) for i, e in enumerate(p.edges) if e.label == WAIST]
-    return np.unique(np.concatenate([np.zeros(0, np.int32), *(mesh.edges[key] for key in named)]))
 
 
 def _sewn(
@@ -158,25 +135,29 @@ def _sewn(
     mesh: PanelMesh,
     flat: Floats,
     obstacle: Obstacle,
-    waist: Ints,
+    held: Ints,
     progress: Progress | None,
-    watch: Watch | None = None,
+    watch: Watch | None,
 ) -> tuple[State, Floats]:
     """The panels drawn together along their seams, without gravity, and how far apart each pair is left, metres."""
     a, b = mesh.pairs.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
-    state, frames = cloth.state(flat), round(SEWING / FRAME)
-    apart, look = first, _Looks(watch, cloth)
+    state, frames, farthest = cloth.state(flat), round(SEWING / FRAME), first.max(initial=0)
+    apart = first
     for k in range(2 * frames):
-        low, high = (first * (1 - _smooth(min(1.0, (k + j) / frames))) for j in (0, 1))
-        pairs = Pairs(mesh.pairs, low, high)
-        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS  # what pulls against a seam opens it by a step's square
+        # what is far apart first, so that a skirt does not pull its bodice from the shoulders before they are closed
+        low, high = (np.minimum(first, farthest * (1 - _smooth(min(1.0, (k + j) / frames)))) for j in (0, 1))
+        # nor at once: threads that pull against each other would tear the cloth
+        pairs = Pairs(mesh.pairs, np.maximum(low, apart), np.maximum(high, apart - PULL * FRAME))
+        # what pulls against a seam opens it by a step's square
+        substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS if k < 1.5 * frames else 8 * SUBSTEPS
         state = step(cloth, state, gravity=(0, 0, 0), damping=5.0, pairs=pairs, obstacle=obstacle, substeps=substeps)
-        state.x[waist, 1] += (HELD * (flat[waist, 1] - state.x[waist, 1])).astype(np.float32)
+        state.x[held, 1] += (HELD * (flat[held, 1] - state.x[held, 1])).astype(np.float32)
         apart = np.linalg.norm(state.x[a] - state.x[b], axis=1)
         if progress:
             progress("sewing", min(1.0, (k + 1) / frames))
-        look(state)
+        if watch:
+            watch(state.x, mesh.triangles)
         if k >= frames and apart.max(initial=0) < CLOSED:
             break
     return state, apart
@@ -192,18 +173,18 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
 
 
 def _draped(
-    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None = None
+    cloth: Cloth, state: State, obstacle: Obstacle, progress: Progress | None, watch: Watch | None
 ) -> tuple[State, bool]:
     """The garment under gravity until it rests."""
     frames, speeds = round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
-    look = _Looks(watch, cloth)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=obstacle)
         speeds.append(state.speed)
         if progress:
             progress("draping", (k + 1) / frames)
-        look(state)
+        if watch:
+            watch(state.x, cloth.sheet.triangles)
         if np.mean(speeds) < STILL:
             return state, True
     return state, False

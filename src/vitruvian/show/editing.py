@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
@@ -33,6 +34,7 @@ from vitruvian.show.wire import VERSION, Block, encode, quantise
 
 MAX_TEXT = 8 << 20  # characters of a document that a page may send
 MAX_FINDINGS = 300
+LOOK = 0.12  # seconds between two pictures of cloth that falls
 # What the page may ask for, see `wire.parse_request`.
 REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "hello": {"token": ("text", 0, 64), "version": ("whole", 0, 1000)},
@@ -239,7 +241,7 @@ class _Drape:
     def __init__(self, desk: Editing, pattern: Pattern, fabric: str, size: float):
         self.desk, self.pattern, self.fabric, self.size = desk, pattern, fabric, size
         self.seq, self.stopping = desk._seq, threading.Event()
-        self.what, self.share = "meshing", 0.0
+        self.what, self.share, self.looked = "meshing", 0.0, 0.0
         threading.Thread(target=self._run, name="vitruvian drape", daemon=True).start()
 
     def stop(self) -> None:
@@ -270,7 +272,9 @@ class _Drape:
     def _see(self, positions: Floats, triangles: Ints) -> None:
         if self.stopping.is_set():
             raise Stopped
-        self._tell("fall", {}, self._surface(positions, triangles))
+        if time.monotonic() - self.looked > LOOK:
+            self._tell("fall", {}, self._surface(positions, triangles))
+            self.looked = time.monotonic()
 
     def _tell(self, kind: str, fields: dict[str, Any], blocks: list[Block] | None = None) -> None:
         state = {"seq": self.seq, "what": self.what, "share": self.share}
