@@ -60,7 +60,9 @@ def test_what_is_near_is_what_the_twin_finds():
     keys, known = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
     native, limits = kernels(), np.array([0.012, 0.01, 0.015, 0.01], np.float32)
     v = rng.normal(size=(60, 4)).astype(np.float32)
-    ours, theirs = (f(x, v, triangles, edges, sides, same, limits, keys, known) for f in (native.near_cloth, near_cloth))
+    ours, theirs = (
+        f(x, v, triangles, edges, sides, same, limits, keys, known) for f in (native.near_cloth, near_cloth)
+    )
     assert len(ours[1]) > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
     assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known)[0])
     flipped = native.near_cloth(x, v, triangles, edges, sides, same, limits, ours[2], -ours[3])  # remembered sides stay

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,11 +14,15 @@ import vitruvian as vt
 from conftest import SHARED
 from test_patterns import SQUARE, rectangle
 from vitruvian.cli import app
-from vitruvian.cloth.garment import charted
+from vitruvian.cloth.drafting import drafted
+from vitruvian.cloth.fabric import fabric
+from vitruvian.cloth.garment import charted, sewn
 from vitruvian.cloth.intersections import intersections
+from vitruvian.cloth.obstacle import still
 from vitruvian.cloth.pattern import Edge, Panel, Pattern, Seam, Span
 from vitruvian.cloth.placing import dummy, hung
 from vitruvian.cloth.tailor import tailor
+from vitruvian.cloth.tessellate import tessellate, welded
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_svg import drawing
 from vitruvian.modeling.wearing import worn
@@ -66,16 +71,35 @@ def test_the_dummy_lifts_its_arms(body):
 
 
 def test_panels_are_moved_until_they_are_clear(body):
-    pattern = skirt()
-    inside = Pattern("p", (Panel("front", SQUARE.vertices, SQUARE.edges, "", np.eye(3), [-0.15, 0.9, 0.0]),))
+    place = lambda *at: Pattern("p", (Panel("front", SQUARE.vertices, SQUARE.edges, "", np.eye(3), at),))  # noqa: E731
+    inside, mannequin = place(-0.15, 0.9, 0.0), dummy(body)
     distance = lambda p: p[:, 2] - 0.12  # noqa: E731  (a wall)
-    points = hung(inside, SQUARE.vertices, np.zeros(4, int), distance)
+    points = hung(inside, tessellate(inside, 0.03), mannequin, distance)
     assert points[:, 2].min() == pytest.approx(0.13) and points[:, 0].min() == pytest.approx(-0.15)
     with pytest.raises(VitruvianError, match="panel front: it is still inside the body"):
-        hung(inside, SQUARE.vertices, np.zeros(4, int), lambda p: p[:, 2] - 9)
+        hung(inside, tessellate(inside, 0.03), mannequin, lambda p: p[:, 2] - 9)
+    bare = Pattern("p", (SQUARE,))
     with pytest.raises(VitruvianError, match="panel a: expected a place around the body"):
-        hung(Pattern("p", (SQUARE,)), SQUARE.vertices, np.zeros(4, int), distance)
-    assert len(pattern.panels) == 2
+        hung(bare, tessellate(bare, 0.03), mannequin, distance)
+
+
+def test_sleeves_are_brought_to_the_arm(body):
+    measures = {"height": 1.72, "chest": 0.96, "waist": 0.82, "hips": 1.0}
+    pattern, mannequin = drafted("tshirt", measures), dummy(body)
+    mesh = tessellate(pattern, 0.03)
+    lowered = tuple(_turned(p, np.radians(25)) if p.label == "arm" else p for p in pattern.panels)
+    distance = still(mannequin.vertices, mannequin.triangles).distances
+    one, two = (hung(replace(pattern, panels=ps), mesh, mannequin, distance) for ps in (pattern.panels, lowered))
+    arm = np.isin(mesh.panel, [k for k, p in enumerate(pattern.panels) if p.label == "arm"])
+    assert np.abs(two - one)[arm].max() < 0.04 and np.abs(two - one)[~arm].max() < 1e-9
+
+
+def _turned(panel: Panel, angle: float) -> Panel:
+    """A sleeve that hangs lower by so much, turned about a point beside its shoulder."""
+    sign = np.sign(panel.translation[0])
+    c, s = np.cos(-sign * angle), np.sin(-sign * angle)
+    turn, pivot = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([sign * 0.18, 1.38, 0])
+    return replace(panel, rotation=turn @ panel.rotation, translation=turn @ (panel.translation - pivot) + pivot)
 
 
 def test_a_skirt_is_sewn_and_rests_on_the_hips(made):
@@ -89,6 +113,46 @@ def test_a_skirt_is_sewn_and_rests_on_the_hips(made):
 
 def test_it_is_the_same_a_second_time(body, made):
     assert np.array_equal(tailor(skirt(), body, size=0.025).vertices, made.vertices)
+
+
+def test_a_garment_over_another_does_not_cut_it(body, made):
+    over = tailor(skirt(waist=0.94, hem=1.5, long=0.5), body, size=0.025, over=(made,))
+    r = over.report
+    assert r["self_intersections"] == 0 and r["penetrating_vertices"] == 0 and r["boundary_loops"] == 2
+    (inner,) = over.below
+    both = np.concatenate([inner.vertices, over.vertices])
+    faces = np.concatenate([inner.triangles, over.triangles + len(inner.vertices)])
+    assert inner.report["self_intersections"] == inner.report["penetrating_vertices"] == 0
+    assert len(intersections(both, faces)) == 0
+    assert not len(intersections(over.vertices, over.triangles)) and r["settled"]
+    with pytest.raises(VitruvianError, match="worn in another pose"):
+        tailor(skirt(), body, size=0.025, arms=0.5, over=(made,))
+
+
+def test_fine_cloth_lies_as_coarse_cloth_does(body):
+    coarse, fine = (tailor(skirt(), body, size=s) for s in (0.024, 0.012))
+    assert len(fine.triangles) > 3 * len(coarse.triangles) and fine.report["settled"]
+    assert fine.report["self_intersections"] == fine.report["penetrating_vertices"] == 0
+    assert fine.report["strain_p99"] < 0.05
+    assert np.abs(fine.vertices.mean(axis=0) - coarse.vertices.mean(axis=0)).max() < 0.02
+
+
+def test_a_gathered_side_is_as_long_as_the_other_along_the_seam():
+    long, short = rectangle("long", 0.3, 0.2), rectangle("short", 0.2, 0.2)
+    pattern = Pattern("p", (long, short), (Seam((Span("long", 0),), (Span("short", 2),)),))
+    mesh = tessellate(pattern, 0.02)
+    weld = welded(mesh)
+    cotton = fabric("cotton")
+    flat, gathered = (sewn(mesh, w, (cotton, cotton)) for w in (None, weld))
+    lengths = np.linalg.norm(np.roll(gathered.material, -1, axis=1) - gathered.material, axis=2)
+    count = np.bincount(gathered.sides.ravel())
+    seam = np.isin(gathered.edges, weld[mesh.pairs]).all(axis=1) & (count == 2)
+    for edge in np.flatnonzero(seam):
+        both = lengths[gathered.sides == edge]
+        assert both.max() == pytest.approx(both.min(), rel=1e-9)
+    assert seam.sum() == len(mesh.pairs) - 1
+    changed = np.abs(gathered.material - flat.material).max(axis=(1, 2)) > 1e-12
+    assert 0 < changed.sum() <= 2 * seam.sum()
 
 
 def test_a_skirt_that_is_too_small_says_so(body):

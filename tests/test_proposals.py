@@ -18,7 +18,13 @@ MEASURES = {"height": 1.72, "chest": 0.96, "waist": 0.82, "hips": 1.0}
 
 
 def keys(seams: object) -> set[frozenset[tuple[str, int]]]:
-    return {frozenset((s.panel, s.edge) for s in (*seam.a, *seam.b)) for seam in seams}
+    """What is sewn to what; sides of as many edges each, one by one."""
+    out = set()
+    for seam in seams:
+        even = len(seam.a) == len(seam.b)
+        pairs = zip(seam.a, seam.b[::-1] if seam.reversed else seam.b) if even else [(*seam.a, *seam.b)]
+        out |= {frozenset((s.panel, s.edge) for s in pair) for pair in pairs}
+    return out
 
 
 def rates(pattern: Pattern) -> tuple[int, int, int]:

@@ -1,5 +1,5 @@
 // Small-step XPBD (Macklin et al. 2019, "Small steps in physics simulation"): one pass over all constraints in each of
-// many substeps, so that multipliers need not be kept. Membrane: engineering strains along weft and warp and the shear
+// many substeps, which begins with half of what the multipliers were. Membrane: engineering strains along weft and warp and the shear
 // between them, three at once for each triangle. Bending: the quadratic hinge of Bergou et al. 2006 for flat cloth.
 #include "cloth.h"
 
@@ -11,6 +11,7 @@ namespace vt::VT_NS {
 namespace {
 
 const float kTiny = 1e-12f;
+const float kSudden = 0.25f;  // strain that a step takes away at most: triangles that have folded up open without a burst
 
 // Rows of four floats of eight vertices, as columns.
 VT_INLINE void gather(const float* x, const int32_t* index, f8 out[4]) {
@@ -49,6 +50,8 @@ VT_INLINE void scatter(float* x, const int32_t* index, const f8 in[4]) {
 #endif
 }
 
+VT_INLINE f8 within(f8 x, float most) { return larger(all(-most), all(0.0f) - larger(all(-most), all(0.0f) - x)); }
+
 VT_INLINE f8 dot(const f8 a[3], const f8 b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 // Eight triangles: C = (|f_u| - 1, |f_v| - 1, f_u . f_v) with f the columns of the deformation gradient.
@@ -75,12 +78,13 @@ VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float
     const f8 k1 = carry * load8(force), k2 = carry * load8(force + 8), k3 = carry * load8(force + 16);
     const f8 s11 = load8(rest + 32) * over, s12 = load8(rest + 40) * over, s22 = load8(rest + 48) * over;
     const f8 s33 = load8(rest + 56) * over;
-    const f8 r1 = one - lu - s11 * k1 - s12 * k2, r2 = one - lv - s12 * k1 - s22 * k2, r3 = all(0.0f) - uv - s33 * k3;
+    const f8 r1 = within(one - lu - s11 * k1 - s12 * k2, kSudden), r2 = within(one - lv - s12 * k1 - s22 * k2, kSudden);
+    const f8 r3 = within(all(0.0f) - uv - s33 * k3, kSudden);
     // symmetric, positive definite: by cofactors
     const f8 m11 = a22 * a33 - a23 * a23, m12 = a13 * a23 - a12 * a33, m13 = a12 * a23 - a13 * a22;
     const f8 m22 = a11 * a33 - a13 * a13, m23 = a12 * a13 - a11 * a23, m33 = a11 * a22 - a12 * a12;
     const f8 whole = a11 * m11 + a12 * m12 + a13 * m13;
-    const f8 least = 1e-6f * a11 * a22 * a33 + 1e-30f * one;
+    const f8 least = 1e-1f * a11 * a22 * a33 + 1e-30f * one;
     const f8 inverse = one / larger(whole, least);
     const f8 l1 = (m11 * r1 + m12 * r2 + m13 * r3) * inverse, l2 = (m12 * r1 + m22 * r2 + m23 * r3) * inverse;
     const f8 l3 = (m13 * r1 + m23 * r2 + m33 * r3) * inverse;
@@ -95,18 +99,13 @@ VT_INLINE void membrane(float* x, const int32_t* index, const float* rest, float
 }
 
 // Eight hinges: the weighted sum of their four vertices, as long as the angle between the triangles is wide.
-VT_INLINE void hinge(float* x, const int32_t* index, const float* rest, float* force, float over, float carry) {
+VT_INLINE void hinge(float* x, const int32_t* index, const float* rest, float over) {
     f8 q[4][4], c[3], k[4];
     for (int i = 0; i < 4; ++i) gather(x, index + 8 * i, q[i]), k[i] = load8(rest + 8 * i);
-    const f8 give = load8(rest + 32) * over;
-    f8 sum = give;
+    f8 sum = load8(rest + 32) * over;
     for (int i = 0; i < 4; ++i) sum += q[i][3] * k[i] * k[i];
     const f8 minus = all(-1.0f) / larger(sum, all(1e-30f));
-    for (int j = 0; j < 3; ++j) {
-        const f8 kept = carry * load8(force + 8 * j);
-        c[j] = (k[0] * q[0][j] + k[1] * q[1][j] + k[2] * q[2][j] + k[3] * q[3][j] + give * kept) * minus;
-        store8(force + 8 * j, kept + c[j]);
-    }
+    for (int j = 0; j < 3; ++j) c[j] = (k[0] * q[0][j] + k[1] * q[1][j] + k[2] * q[2][j] + k[3] * q[3][j]) * minus;
     for (int i = 0; i < 4; ++i) {
         const f8 share = q[i][3] * k[i];
         for (int j = 0; j < 3; ++j) q[i][j] += share * c[j];
@@ -210,8 +209,8 @@ float measure(const ClothBody& body, const float* x, int32_t t, float s, Foot& o
     return squared;
 }
 
-// From the triangle that was nearest, over edges, as long as it gets nearer.
-void walk(const ClothBody& body, const float* x, int32_t start, float s, Foot& best) {
+// From the triangle that was nearest, over edges, as long as it gets nearer; true if it ends inside one.
+bool walk(const ClothBody& body, const float* x, int32_t start, float s, Foot& best) {
     int edge = -1;
     measure(body, x, start, s, best, edge);
     int32_t from = -1;
@@ -231,8 +230,28 @@ void walk(const ClothBody& body, const float* x, int32_t start, float s, Foot& b
                 break;
             }
         }
-        if (!moved) return;
+        if (!moved) return false;
     }
+    return edge < 0;
+}
+
+// The plane of the triangle that a foot lies inside, and the metres from there to its rim: as long as nothing moves farther,
+// that is the body for this vertex.
+float level(const ClothBody& body, const Foot& foot, float s, float plane[4]) {
+    float p[3][3], ab[3], ac[3], n[3], bc = 0, ca = 0, c = 0, least = 0;
+    corners(body, foot.triangle, s, p);
+    for (int j = 0; j < 3; ++j) ab[j] = p[1][j] - p[0][j], ac[j] = p[2][j] - p[0][j];
+    n[0] = ab[1] * ac[2] - ab[2] * ac[1], n[1] = ab[2] * ac[0] - ab[0] * ac[2], n[2] = ab[0] * ac[1] - ab[1] * ac[0];
+    const float size = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (size < 1e-12f) return 0;
+    plane[3] = 0;
+    for (int j = 0; j < 3; ++j) {
+        plane[j] = n[j] / size, plane[3] += plane[j] * p[0][j];
+        bc += (ac[j] - ab[j]) * (ac[j] - ab[j]), ca += ac[j] * ac[j], c += ab[j] * ab[j];
+    }
+    const float far[3] = {foot.share[0] / sqrtf(bc), foot.share[1] / sqrtf(ca), foot.share[2] / sqrtf(c)};
+    least = far[0] < far[1] ? far[0] : far[1];
+    return (least < far[2] ? least : far[2]) * size;
 }
 
 // Vertices out of the body, after everything else: the body wins. Friction as in note cloth.md, 4.5.
@@ -241,11 +260,26 @@ void push(const ClothFrame& f, const ClothBody& body, int64_t n, float s0, float
         float *x = f.x + 4 * i, *p = f.p + 4 * i;
         if (!(x[3] > 0) || body.nearest[i] < 0) continue;
         const float moved = sqrtf((x[0] - p[0]) * (x[0] - p[0]) + (x[1] - p[1]) * (x[1] - p[1]) + (x[2] - p[2]) * (x[2] - p[2]));
-        f.slack[i] -= moved + reach;
+        f.slack[i] -= moved + reach, f.room[i] -= moved;
         if (f.slack[i] > 0) continue;
+        float *plane = f.plane + 4 * i, slip[3], along = 0, length = 0;
+        if (f.room[i] > 0) {  // a body that stands still, flat where the vertex is
+            const float away = x[0] * plane[0] + x[1] * plane[1] + x[2] * plane[2] - plane[3], c = body.offset - away;
+            f.slack[i] = -c;
+            if (c <= 0) continue;
+            const float by = c < body.most ? c : body.most;
+            for (int j = 0; j < 3; ++j) slip[j] = x[j] - p[j], along += slip[j] * plane[j];
+            for (int j = 0; j < 3; ++j) slip[j] -= along * plane[j], length += slip[j] * slip[j];
+            length = sqrtf(length);
+            const float grip = body.friction[i] * by, share = length <= grip ? 1 : grip / length;
+            for (int j = 0; j < 3; ++j) x[j] += by * plane[j] - share * slip[j];
+            f.slack[i] = 0, f.room[i] -= share * length;
+            continue;
+        }
         Foot foot;
-        walk(body, x, body.nearest[i], s1, foot);
+        const bool inside = walk(body, x, body.nearest[i], s1, foot);
         body.nearest[i] = foot.triangle;
+        f.room[i] = inside && reach == 0 ? level(body, foot, s1, plane) : 0;
         float normal[3] = {0, 0, 0}, was[3] = {0, 0, 0};
         for (int k = 0; k < 3; ++k) {
             const int64_t v = 6 * int64_t(body.triangle[3 * int64_t(foot.triangle) + k]);
@@ -266,13 +300,12 @@ void push(const ClothFrame& f, const ClothBody& body, int64_t n, float s0, float
         if (apart > 1e-5f)  // straight away from the foot; on the surface itself along its normal
             for (int j = 0; j < 3; ++j) normal[j] = (x[j] - foot.now[j]) / away;
         const float by = c < body.most ? c : body.most;
-        float slip[3], along = 0, length = 0;
         for (int j = 0; j < 3; ++j) slip[j] = (x[j] - p[j]) - (foot.now[j] - was[j]), along += slip[j] * normal[j];
         for (int j = 0; j < 3; ++j) slip[j] -= along * normal[j], length += slip[j] * slip[j];
         length = sqrtf(length);
         const float grip = body.friction[i] * by, share = length <= grip ? 1 : grip / length;
         for (int j = 0; j < 3; ++j) x[j] += by * normal[j] - share * slip[j];
-        f.slack[i] = 0;
+        f.slack[i] = 0, f.room[i] -= share * length;
     }
 }
 
@@ -406,7 +439,7 @@ void advance(const ClothFrame& f, int64_t n) {
 void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBody& body, const ClothTouch& near) {
     const int64_t n = program.vertices;
     const float h = f.step, over = 1 / (h * h), keep = expf(-f.damping * h);
-    for (int64_t i = 0; i < n; ++i) f.slack[i] = f.path[i] = 0;
+    for (int64_t i = 0; i < n; ++i) f.slack[i] = f.path[i] = f.room[i] = 0;
     if (near.count) meet(f, near), memcpy(f.seen, f.x, size_t(n) * 16);
     for (int s = 0; s < f.substeps; ++s) {
         const float s0 = float(s) / float(f.substeps), s1 = float(s + 1) / float(f.substeps);
@@ -420,20 +453,28 @@ void cloth_frame(const ClothProgram& program, const ClothFrame& f, const ClothBo
                 if (fast > f.limit)
                     for (int j = 0; j < 3; ++j) v[j] *= f.limit / fast;
             }
-            const float* d = f.d + 4 * i;
-            for (int j = 0; j < 3; ++j) q[j] = x[j] + h * v[j], x[j] = q[j] + f.carry * d[j];
+            for (int j = 0; j < 3; ++j) q[j] = x[j] + h * v[j], x[j] = q[j];
         }
         for (int64_t k = 0; k < f.pins; ++k)
             for (int j = 0; j < 3; ++j) {
                 const float a = f.pin_path[6 * k + j], b = f.pin_path[6 * k + 3 + j];
                 f.x[4 * int64_t(f.pin[k]) + j] = a + s1 * (b - a);
             }
+        if (s % f.bends == 0) {  // what bends is slow: pushed for several steps at once
+            const int steps = f.substeps - s < f.bends ? f.substeps - s : f.bends;
+            for (int64_t g = 0; g < program.hinges; ++g)
+                hinge(f.x, program.hinge + 32 * g, program.hinge_rest + 40 * g, over / float(steps));
+        }
+        for (int64_t i = 0; i < n; ++i)
+            for (int j = 0; j < 3; ++j) {
+                float *x = f.x + 4 * i + j, *d = f.d + 4 * i + j;
+                const float begin = *x;
+                *x += f.carry * *d, *d = begin;
+            }
         for (int64_t g = 0; g < program.membranes; ++g)
             membrane(f.x, program.membrane + 24 * g, program.membrane_rest + 64 * g, f.membrane_force + 24 * g, over, f.carry);
-        for (int64_t g = 0; g < program.hinges; ++g)
-            hinge(f.x, program.hinge + 32 * g, program.hinge_rest + 40 * g, f.hinge_force + 24 * g, over, f.carry);
         for (int64_t i = 0; i < n; ++i)
-            for (int j = 0; j < 3; ++j) f.d[4 * i + j] = f.x[4 * i + j] - f.q[4 * i + j];
+            for (int j = 0; j < 3; ++j) f.d[4 * i + j] = f.x[4 * i + j] - f.d[4 * i + j];
         for (int64_t g = 0; g < program.tethers; ++g)
             tether(f.x, program.tether + 16 * g, program.tether_rest + 8 * g);
         if (f.pairs) sew(f, s1, over);

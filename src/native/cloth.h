@@ -52,9 +52,11 @@ struct ClothFrame {
     float* q;                       // (n + 1, 4) scratch: where velocities alone would lead
     float* d;                       // (n + 1, 4) what the multipliers below move
     float* membrane_force;          // (groups, 3, 8) multipliers, kept from substep to substep
-    float* hinge_force;             // (groups, 3, 8)
+    int bends;                      // hinges are worked off in one of so many substeps
     float carry;                    // share of them that the next substep begins with
     float* slack;                   // (n,) scratch
+    float* room;                    // (n,) scratch: metres to the rim of the body's triangle that a vertex lies on
+    float* plane;                   // (n, 4) scratch: the plane of that triangle
     float* path;                    // (n,) scratch: how far vertices have come in this frame
     float* seen;                    // (n, 4) scratch: where they were when that was measured
     float step;                     // seconds of a substep

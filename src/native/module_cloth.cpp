@@ -19,7 +19,7 @@ auto lasting(std::vector<T>&& values, std::initializer_list<size_t> shape) {
 
 // Advances x (n+1,4) and v (n+1,4) by one frame, in place.
 void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Output<float, 3> membrane_force,
-                 Output<float, 3> hinge_force, float carry, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
+                 int bends, float carry, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
                  Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> tether,
                  Array<float, 3> tether_rest, double dt, int substeps, Array<float, 1> gravity, float damping,
                  float limit, Array<int32_t, 1> pin, Array<float, 2> pin_path, Array<int32_t, 2> pair,
@@ -32,19 +32,20 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Out
     check(int64_t(nearest.shape(0)) == n && int64_t(friction.shape(0)) == n, "vertices do not fit");
     check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
     check(d.shape(0) == x.shape(0) && d.shape(1) == 4, "multipliers do not fit");
-    check(membrane_force.shape(0) == membrane.shape(0) && hinge_force.shape(0) == hinge.shape(0), "multipliers do not fit");
+    check(membrane_force.shape(0) == membrane.shape(0), "multipliers do not fit");
     const int64_t contacts = int64_t(near.shape(0));
     check(corners >= 0 && corners <= contacts && int64_t(side.shape(0)) == corners, "contacts do not fit");
     check(gap.shape(0) == near.shape(0) && rub.shape(0) == near.shape(0), "contacts do not fit");
-    check(substeps > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
+    check(substeps > 0 && bends > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
     const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
                                    int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
                                    int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
-    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 14]);
+    std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 19]);
     const float* g = gravity.data();
     const vt::ClothFrame frame{x.data(), v.data(), scratch.get(), scratch.get() + 4 * (n + 1),
-                               d.data(), membrane_force.data(), hinge_force.data(), carry,
+                               d.data(), membrane_force.data(), bends, carry,
                                scratch.get() + 8 * (n + 1), scratch.get() + 9 * (n + 1), scratch.get() + 10 * (n + 1),
+                               scratch.get() + 14 * (n + 1), scratch.get() + 15 * (n + 1),
                                float(dt / substeps), substeps, {g[0], g[1], g[2]}, damping,
                                int64_t(pin.shape(0)), pin.data(), pin_path.data(),
                                int64_t(pair.shape(0)), pair.data(), pair_rest.data(), limit};

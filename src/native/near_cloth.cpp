@@ -251,6 +251,7 @@ bool between_edges(const Surface& s, const int32_t* p, const int32_t* q, V& way)
 void find_near(const Surface& s, const float* v, const Reach& reach, const int32_t* before, const float* side, int64_t known,
                Near& out) {
     const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
+    const auto free = [&s](int32_t i) { return s.x[4 * int64_t(i) + 3] > 0; };
     // each vertex and edge is looked at with one of its triangles, the first
     std::vector<int32_t> vertex_of(size_t(s.vertices), -1), edge_of(size_t(s.edges), -1);
     for (int64_t t = 0; t < s.triangles; ++t)
@@ -265,7 +266,7 @@ void find_near(const Surface& s, const float* v, const Reach& reach, const int32
     std::vector<std::pair<int32_t, int32_t>> corner, cross;
     const auto try_corner = [&](int32_t i, int32_t t) {
         const int32_t* c = s.triangle + 3 * int64_t(t);
-        if (one(c[0], i) || one(c[1], i) || one(c[2], i)) return;
+        if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
         if (!may_meet(range_of(s, v, &i, 1), tree.range[size_t(t)], reach)) return;
         const V p = at(s, i);
         if (meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) corner.push_back({i, t});
@@ -273,6 +274,7 @@ void find_near(const Surface& s, const float* v, const Reach& reach, const int32
     const auto try_cross = [&](int32_t e, int32_t f) {
         const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
         if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) return;
+        if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
         V way;
         if (!may_meet(line[size_t(e)], line[size_t(f)], reach) || !between_edges(s, p, q, way)) return;
         if (meet(way, v, p, 2, q, 2, reach)) cross.push_back({e, f});

@@ -131,8 +131,15 @@ def cloth_frame(x: Single, v: Single, d: Single, *arrays: object) -> None:
     """One frame of cloth, in place; in the order of `vitruvian.cloth.solver.step`."""
 
 def near_cloth(
-    x: Single, v: Single, triangles: Ints, edges: Ints, sides: Ints, same: Ints, limits: Single,
-    before: Ints, side: Single,
+    x: Single,
+    v: Single,
+    triangles: Ints,
+    edges: Ints,
+    sides: Ints,
+    same: Ints,
+    limits: Single,
+    before: Ints,
+    side: Single,
 ) -> tuple[Ints, Single, Ints, Single]:
     """Pairs (k,4), sides (c,) of the first, vertices with triangles, and keys (r,2) and sides of those to remember."""
 

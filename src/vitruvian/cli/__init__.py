@@ -48,6 +48,7 @@ from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
     desk,
     dressing,
     editing,
+    fabrics,
     files,
     fitting,
     measuring,

@@ -10,32 +10,39 @@ import typer
 
 from vitruvian.cli import app
 from vitruvian.cli.output import Json, Out, Repair, count, emit, progress
+from vitruvian.cli.refitting import FitOption
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
     from vitruvian.cloth.pattern import Pattern
 
+APART = 3.0  # millimetres between what was to be sewn above which a seam is called open; less is welded
 WORST = 0.05  # strain of the 99th percentile above which a garment is called tight
 
 
-def pattern_of(source: Path, body: Any = None) -> Pattern:
-    """The pattern of a file, or one of our own by its name, drafted for a body (None: the built-in person).
+MEASURES = ("height", "neck", "chest", "underbust", "waist", "hips", "thigh", "calf", "upper_arm", "wrist", "inseam",
+            "arm_length", "shoulder_width", "back_length")  # fmt: skip
+
+
+def pattern_of(source: Path, body: Any = None, **options: Any) -> Pattern:
+    """The pattern of a file, or one of our own by its name, drafted for a body (None: the built-in person). Options go to
+    the reader: sidecar, unit, outlines.
 
     VitruvianError where the file holds something else, or there is neither.
     """
     from vitruvian.cloth.drafting import DRAFTS, drafted
     from vitruvian.cloth.pattern import Pattern
-    from vitruvian.formats.registry import load
+    from vitruvian.formats.registry import kind, load
 
     if not source.exists() and (source.name in DRAFTS or not source.suffix):
-        from vitruvian.modeling.measures import measures
-        from vitruvian.modeling.person import person
-
-        known = ("height", "neck", "chest", "underbust", "waist", "hips", "thigh", "calf", "upper_arm", "wrist",
-                 "inseam", "arm_length", "shoulder_width", "back_length")  # fmt: skip
-        values = measures(person(outfit=None, hair="none") if body is None else body).values
-        return drafted(str(source), {n: values[n] for n in known if n in values})
-    found = load(source)
+        return drafted(str(source), _measures(body))
+    given = {k: v for k, v in options.items() if v is not None}
+    known = {".svg": ("sidecar", "outlines"), ".dxf": ("sidecar", "unit"), ".freesewing.json": ("sidecar",)}
+    form = kind(source)
+    strange = next((k for k in given if k not in known.get(form, ())), None)
+    if strange is not None:
+        raise VitruvianError(f"{source}: --{strange} says nothing about such a file")
+    found = load(source, **given)
     if not isinstance(found, Pattern):
         raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
     from vitruvian.cloth.dimensions import dimensions, fitted
@@ -47,55 +54,102 @@ def pattern_of(source: Path, body: Any = None) -> Pattern:
     return fitted(found, measures(body).values)  # lengths that are said by measures are those of this body
 
 
-@app.command(epilog="Example: vitruvian dress person tshirt --fabric jersey -o dressed.glb")
+def _measures(body: Any) -> dict[str, float]:
+    """The measures that drafts know of a body, or of the built-in person."""
+    from vitruvian.modeling.measures import measures
+    from vitruvian.modeling.person import person
+
+    values = measures(person(outfit=None, hair="none") if body is None else body).values
+    return {n: values[n] for n in MEASURES if n in values}
+
+
+def placed_on(pattern: Pattern, body: Any, *, arms: float | None = None) -> Pattern:
+    """The pattern with places around a body (None: the built-in person) for panels that have none."""
+    if all(p.rotation is not None and p.translation is not None for p in pattern.panels):
+        return pattern
+    from vitruvian.body.pack import pack
+    from vitruvian.cloth.drafting.figure import figure
+    from vitruvian.cloth.placing import ARMS, dummy
+    from vitruvian.cloth.wrapping import stand, wrapped
+    from vitruvian.modeling.person import person
+
+    body = person(outfit=None) if body is None else body
+    stands = stand(figure(_measures(body)), dummy(pack(body), arms=ARMS if arms is None else arms))
+    return wrapped(pattern, stands)
+
+
+@app.command(epilog="Example: vitruvian dress person trousers shirt --fabric denim --fabric cotton -o dressed.glb")
 def dress(
     source: str = typer.Argument(..., metavar="BODY", help="H-Anim, glTF, VRM or USD body, or the word person."),
-    garment: Path = typer.Argument(
-        ..., metavar="PATTERN", help="GarmentCode's JSON, or a draft: tshirt, ... (see pattern list)."
+    garments: list[Path] = typer.Argument(
+        ...,
+        metavar="PATTERN...",
+        help="Patterns' files (.json, .svg, .dxf), or drafts: tshirt, ... (see pattern list), innermost first.",
     ),
     out: Path = Out,
-    fabric: str = typer.Option(
-        "cotton", "--fabric", help="chiffon, silk, cotton, linen, wool, jersey, denim, leather."
+    fabric: list[str] = typer.Option(
+        ["cotton"],
+        "--fabric",
+        help="chiffon, silk, cotton, linen, wool, jersey, denim, leather; once for each garment.",
     ),
     size: float = typer.Option(10.0, "--size", min=3.0, max=40.0, help="Millimetres between the cloth's points."),
     arms: float = typer.Option(10.0, "--arms", min=0.0, max=90.0, help="Degrees of the arms below the horizontal."),
+    sidecar: Path | None = typer.Option(
+        None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
+    ),
+    fit_map: Path | None = FitOption,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
-    """Sew a pattern around a body and let it fall into place.
+    """Sew patterns around a body and let them fall into place, each over the ones before it.
 
-    The result is the body in the pose it was dressed in, with the garment as part of its skin, moved by its joints. Exit
-    status 1: the garment does not fit, and the reason.
+    The result is the body in the pose it was dressed in, with the garment as part of its skin, moved by its joints; or,
+    in a file that ends in .garment.npz, the garment to be put on other bodies, see refit. Exit status 1: the garment
+    does not fit, and the reason.
     """
     from math import radians
 
     from vitruvian.body.pack import pack
-    from vitruvian.cloth.garment import charted
+    from vitruvian.cli.refitting import written
     from vitruvian.cloth.tailor import tailor
-    from vitruvian.formats.registry import save
-    from vitruvian.modeling.wearing import worn
 
-    body = _bare(source, repair)
-    pattern = pattern_of(garment, body)
-    start = time.perf_counter()
+    body, packed = (bare := _bare(source, repair)), pack(bare)
+    patterns = [_sewable(path, body, sidecar, radians(arms)) for path in garments]
+    start, over = time.perf_counter(), []
     with progress("dressing") as bar:
-        made = tailor(
-            pattern, pack(body), fabric=fabric, size=size / 1000, arms=radians(arms),
-            progress=lambda _, share: bar(round(1000 * share), 1000),
-        )  # fmt: skip
-    uv, uv_triangles = charted(made)
-    whole = worn(body, made.vertices, made.triangles, made.matrices, uv=uv, uv_triangles=uv_triangles)
-    lost = list(save(whole, out)["lost"])
+        for k, pattern in enumerate(patterns):
+            made = tailor(
+                pattern, packed, fabric=fabric[min(k, len(fabric) - 1)], size=size / 1000, arms=radians(arms), over=over,
+                progress=lambda _, share, k=k: bar(round(1000 * (k + share)), 1000 * len(patterns)),
+            )  # fmt: skip
+            over = [*made.below, made]
+    lost, said = written(made, body, out, fit_map)
     document: dict[str, Any] = dict(made.report) | {"seconds": time.perf_counter() - start, "lost": lost}
+    document["below"] = [dict(g.report) | {"name": g.name} for g in made.below]
     reasons = faults(document)
+    for g in made.below:
+        reasons += [f"{g.name}: {line}" for line in faults({**g.report, "settled": True})]
     text = (
         f"wrote {out}: {count(document['faces'], 'face')}, seams {document['seam_gap_max_mm']:.2f} mm, strain "
         f"{document['strain_p99']:.1%}, {document['self_intersections']} cuts of itself, "
         f"{count(document['penetrating_vertices'], 'point')} in the body; {document['seconds']:.1f} s"
     )
-    emit(document | {"reasons": reasons}, "\n".join([text, *reasons, *(f"lost: {line}" for line in lost)]), as_json)
+    lines = [text, *reasons, *said.get("fit", {}).get("findings", []), *(f"lost: {line}" for line in lost)]
+    emit(document | {"reasons": reasons, **said}, "\n".join(lines), as_json)
     if reasons:
         raise typer.Exit(1)
+
+
+def _sewable(path: Path, body: Any, sidecar: Path | None, arms: float) -> Pattern:
+    """A pattern with seams and places. VitruvianError where it says no seams."""
+    pattern = pattern_of(path, body, sidecar=sidecar)
+    if not pattern.seams and len(pattern.panels) > 1:
+        name = path.name.split(".")[0]
+        raise VitruvianError(
+            f"{path}: says no seams; propose some, `vitruvian pattern sew {path} -o {name}.pattern.json`, and dress in "
+            f"that, or say them in {name}.sewing.json"
+        )
+    return placed_on(pattern, body, arms=arms)
 
 
 def _bare(source: str, repair: bool) -> Any:
@@ -112,7 +166,7 @@ def _bare(source: str, repair: bool) -> Any:
 def faults(report: dict[str, Any]) -> list[str]:
     """Why a garment cannot be worn, in a line each; [] when it can."""
     out = []
-    if report["open_seams"]:
+    if report["seam_gap_max_mm"] > APART:
         some = ", ".join(map(str, report["open_seams"][:8]))
         out.append(f"does not close: seams {some} stay up to {report['seam_gap_max_mm']:.0f} mm apart; too small?")
     if report["strain_p99"] > WORST:

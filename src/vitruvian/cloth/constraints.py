@@ -15,6 +15,7 @@ from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.sheet import Sheet
 
 LANES = 8
+LEAST = 0.25  # of its compliance is left to each membrane: without any, triangles that fold up would burst
 Single = NDArray[np.float32]
 
 
@@ -91,7 +92,8 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
     one, other = order[two], order[two + 1]
     good = (sheet.areas[face[one]] > 0) & (sheet.areas[face[other]] > 0)
     one, other = one[good], other[good]
-    factor, total, stiff, size = np.zeros((len(one), 4)), 0.0, 0.0, 0.0
+    inner = np.maximum(np.bincount(face[np.concatenate([one, other])], minlength=len(t)), 1)
+    factor, total, stiff, size, rim = np.zeros((len(one), 4)), 0.0, 0.0, 0.0, 0.0
     index = np.stack([low[one], high[one], low[one], high[one]], axis=1)
     for k, side in enumerate((one, other)):
         f, a, b, c = face[side], *(corner[which[side], i] for i in range(3))
@@ -110,6 +112,45 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
         bend = np.array([[g.bend_u, g.bend_v] for g in sheet.fabrics])[sheet.fabric[f]]
         stiff = stiff + 0.5 * np.sum(bend * across**2, axis=1)
         total, size = total + sheet.areas[f], size + 0.5 * long
+        rim = (
+            rim + sheet.areas[f] * 3 / inner[f]
+        )  # a triangle at the rim bends about fewer edges, of which each does more
     some = stiff > 0
-    compliance = total / np.where(some, stiff * size * size, 1)
+    compliance = total * total / np.where(some, stiff * size * size * rim, 1)
     return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]
+
+
+def yielding(groups: Groups, sheet: Sheet, inverse_mass: Single) -> Floats:
+    """(g,2,8) metres a newton over h^2: by how much one pass a step of h seconds leaves each triangle softer along weft and
+    warp, were its multiplier new in each step.
+
+    In a cloth at rest the pass restores what all multipliers make, one after the other. When a triangle's turn comes, what
+    the later ones do is missing: under an even stress they would undo all of its own work, so the softness is w |grad C|^2
+    of the triangle less what they undo.
+    """
+    w = np.append(inverse_mass, 0.0).astype(np.float64)
+    later = np.zeros((len(w), 2))  # what the triangles worked off later pull at each vertex, along weft and warp
+    out = np.zeros((len(groups.index), 2, LANES))
+    a, b, c, d = (groups.rest[:, k].astype(np.float64) for k in range(4))
+    area = 0.5 / np.maximum(np.abs(a * d - b * c), 1e-30)
+    grad = np.stack([np.stack([-a - c, a, c], axis=1), np.stack([-b - d, b, d], axis=1)], axis=-1)  # (g,vertex,lane,uv)
+    for g in range(len(out) - 1, -1, -1):
+        index = groups.index[g]
+        own = w[index][..., None] * grad[g]
+        most = np.sum(own * grad[g], axis=0)
+        undone = np.sum(own * later[index], axis=0) / area[g][:, None]
+        out[g] = np.clip(most + undone, 0, most).T
+        inside = index < len(w) - 1
+        later[index[inside]] += (area[g][None, :, None] * grad[g])[inside]
+    return out
+
+
+def stiffened(groups: Groups, softer: Floats) -> Single:
+    """The coefficients of membranes whose compliance is less by what the solver adds: softer (g,2,8)."""
+    rest = groups.rest.copy()
+    uu, uv, vv, ss = (rest[:, k].astype(np.float64) for k in range(4, 8))
+    u, v = np.maximum(uu - softer[:, 0], LEAST * uu), np.maximum(vv - softer[:, 1], LEAST * vv)
+    rest[:, 4], rest[:, 6], rest[:, 7] = u, v, np.maximum(ss - softer.sum(axis=1), LEAST * ss)
+    limit = 0.95 * np.sqrt(u * v)
+    rest[:, 5] = np.clip(uv, -limit, limit)
+    return rest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,9 @@ class Garment:
 
     mesh: its flat panels; weld (n,): the garment's vertex of each of theirs; vertices (w,3) metres, humanoid space, where
     it hangs on the body posed by matrices (J,4,4); fabrics: one for each panel. report: how it was made and fits, see
-    `vitruvian.cloth.tailor.tailor`.
+    `vitruvian.cloth.tailor.tailor`; below: the garments that it is worn over, as they lie under it, innermost first.
+    graded (m,3,2) metres, weft and warp: the corners of its triangles in a cloth that is cut larger or smaller than the
+    panels, see `vitruvian.cloth.resizing`; None: as the panels are.
     """
 
     pattern: Pattern
@@ -32,6 +34,8 @@ class Garment:
     fabrics: tuple[Fabric, ...]
     matrices: Floats
     report: Mapping[str, Any] = field(default_factory=dict)
+    below: tuple[Garment, ...] = ()
+    graded: Floats | None = None
 
     @property
     def name(self) -> str:
@@ -45,7 +49,8 @@ class Garment:
     @cached_property
     def sheet(self) -> Sheet:
         """What the solver knows of it."""
-        return sewn(self.mesh, self.weld, self.fabrics)
+        out = sewn(self.mesh, self.weld, self.fabrics)
+        return out if self.graded is None else replace(out, material=self.graded)
 
 
 def sewn(mesh: PanelMesh, weld: Ints | None, fabrics: tuple[Fabric, ...]) -> Sheet:

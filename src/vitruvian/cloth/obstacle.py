@@ -100,7 +100,12 @@ def neighbours(triangles: Ints) -> Ints:
 
 
 def _with_normals(vertices: Floats, triangles: Ints) -> NDArray[np.float32]:
-    """Positions and normals weighted by angles (Thuermer and Wuethrich 1998)."""
+    """Positions and normals."""
+    return np.concatenate([vertices, pseudo_normals(vertices, triangles)], axis=1).astype(np.float32)
+
+
+def pseudo_normals(vertices: Floats, triangles: Ints) -> Floats:
+    """(V,3) normals of vertices, weighted by angles (Thuermer and Wuethrich 1998)."""
     corner = vertices[triangles]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -111,5 +116,4 @@ def _with_normals(vertices: Floats, triangles: Ints) -> NDArray[np.float32]:
         angle = np.arccos(np.clip(np.sum(u * v, axis=1) / np.maximum(long, 1e-30), -1, 1))
         for j in range(3):
             total[:, j] += np.bincount(triangles[:, k], angle * normal[:, j], len(vertices))
-    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
-    return np.concatenate([vertices, total], axis=1).astype(np.float32)
+    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)

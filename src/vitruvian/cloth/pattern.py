@@ -1,7 +1,8 @@
 """Sewing patterns: flat panels with straight and curved edges, and the seams that join them.
 
 A panel lives in a plane of its own, (u, v) in metres; v is the warp unless its grain says otherwise. It is placed around
-the body by x = R (u, v, 0) + t, and R (0, 0, sign of its area) points away from the body: panels wind either way round.
+the body by x = R (u, v, 0) + t, or rolled about its middle, and R (0, 0, sign of its area) points away from the body there:
+panels wind either way round.
 """
 
 from __future__ import annotations
@@ -46,8 +47,9 @@ class Panel:
 
     vertices (n,2) metres; edges chain vertex to vertex into closed loops, the outline first, then holes. grain (2,) is
     the direction of the warp. rotation (3,3) and translation (3,) place it around the body, H-Anim frame; None where a
-    pattern does not say. label is the part of the body it belongs to ("body", "arm", "leg", ""); fabric a name, or ""
-    for the garment's; order counts layers outwards.
+    pattern does not say. bend (2,) rolls it around the body there: the direction in its plane in which it curves inwards,
+    as long as 1 / radius, 1/m; (0, 0) is flat. label is the part of the body it belongs to ("body", "arm", "leg", "");
+    fabric a name, or "" for the garment's; order counts layers outwards.
     """
 
     name: str
@@ -59,11 +61,13 @@ class Panel:
     grain: Floats = field(default_factory=lambda: np.array([0.0, 1.0]))
     fabric: str = ""
     order: int = 0
+    bend: Floats = field(default_factory=lambda: np.zeros(2))
 
     def __post_init__(self) -> None:
         name = f"panel {self.name}: "
         object.__setattr__(self, "vertices", floats(self.vertices, name + "vertices", None, 2))
         object.__setattr__(self, "grain", floats(self.grain, name + "grain", 2))
+        object.__setattr__(self, "bend", floats(self.bend, name + "bend", 2))
         require(bool(np.any(self.grain)), name + "grain", "a direction", "zero")
         for i, edge in enumerate(self.edges):
             good = 0 <= edge.start < len(self.vertices) and 0 <= edge.end < len(self.vertices)
@@ -262,4 +266,13 @@ def placed(panel: Panel, points: Floats) -> NDArray[np.float64]:
     """(k,3) metres around the body of points (k,2) of a panel that has a place."""
     if panel.rotation is None or panel.translation is None:
         raise ValueError(f"panel {panel.name}: expected a place")
-    return points @ panel.rotation[:, :2].T + panel.translation
+    strength = float(np.hypot(*panel.bend))
+    if not strength:
+        return points @ panel.rotation[:, :2].T + panel.translation
+    way = panel.bend / strength
+    middle = 0.5 * (panel.vertices.min(axis=0) + panel.vertices.max(axis=0))
+    along = (points - middle) @ way
+    turn = strength * along
+    flat = points + np.multiply.outer(np.sin(turn) / strength - along, way)
+    deep = (np.cos(turn) - 1) / strength * (1.0 if area(panel) > 0 else -1.0)
+    return np.column_stack([flat, deep]) @ panel.rotation.T + panel.translation

@@ -6,10 +6,9 @@ Source: note cloth.md, section 5; seed 003, section 5.1.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import between, from_vector, multiply
@@ -74,7 +73,11 @@ def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
         hip = skeleton.index.get(f"{side}_hip")
         if hip is not None:
             rotation[0, hip] = from_vector(np.array([0.0, 0.0, sign * legs]))
-    matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+    return posed(body, pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0])
+
+
+def posed(body: Body, matrices: Floats) -> Dummy:
+    """A body under matrices (J,4,4) of its joints."""
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
     return Dummy(body, matrices, vertices, _largest(body.skin.triangles, len(vertices)))
 
@@ -100,9 +103,10 @@ def outward(panel: Panel) -> Floats:
 def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance) -> Floats:
     """(n,3) metres: where the vertices of the panels hang around the body before they are sewn.
 
-    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other panels
-    raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards until it is clear of the
-    body. Raises VitruvianError for a panel without a place or that would have to go too far.
+    Patterns were drawn around another body in another pose. Sleeves are turned and moved to the arm's axis, the other
+    panels raised until no seam closes through the body, a shoulder's say; and each panel is moved outwards, or rolled
+    wider, until it is clear of the body. Raises VitruvianError for a panel without a place or that would have to go too
+    far.
     """
     arm = np.array([_arm(p) for p in pattern.panels])
     moves: list[Move] = [_nowhere] * len(arm)
@@ -119,7 +123,9 @@ def hung(pattern: Pattern, mesh: PanelMesh, mannequin: Dummy, distance: Distance
         mine = arm == sign
         own = (of == sign).all(axis=1)
         if own.any():
-            move = _sleeve(first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side)
+            move = _sleeve(
+                first, first[mine[mesh.panel]].mean(axis=0), mesh.pairs[own], mesh.seam[own], mannequin, side
+            )
             moves = [move if m else old for m, old in zip(mine, moves)]
     return _cleared(pattern, mesh, distance, moves)
 
@@ -200,18 +206,18 @@ def _arm(panel: Panel) -> int:
 
 
 def _cleared(pattern: Pattern, mesh: PanelMesh, distance: Distance, moves: Sequence[Move]) -> Floats:
-    """(n,3) the panels where their pattern and `moves` put them, each moved outwards until it is clear of the body."""
-    out, way = np.empty((len(mesh.material), 3)), np.empty((len(pattern.panels), 3))
+    """(n,3) the panels where their pattern and `moves` put them, each moved outwards, or rolled wider, until it is clear of
+    the body."""
+    out, mine = np.empty((len(mesh.material), 3)), [np.flatnonzero(mesh.panel == k) for k in range(len(moves))]
     for k, piece in enumerate(pattern.panels):
         if piece.rotation is None or piece.translation is None:
             raise VitruvianError(f"panel {piece.name}: expected a place around the body, found none")
-        mine = mesh.panel == k
-        out[mine], way[k] = moves[k](placed(piece, mesh.material[mine])), outward(piece)
-    moved, inside = np.zeros(len(way)), np.arange(len(way))
+        out[mine[k]] = moves[k](placed(piece, mesh.material[mine[k]]))
+    moved, inside = np.zeros(len(mine)), np.arange(len(mine))
     while len(inside):
         some = np.isin(mesh.panel, inside)
-        far = np.full(len(way), np.inf)
-        np.minimum.at(far, mesh.panel[some], distance((out + moved[mesh.panel, None] * way[mesh.panel])[some]))
+        far = np.full(len(mine), np.inf)
+        np.minimum.at(far, mesh.panel[some], distance(out[some]))
         inside = np.flatnonzero(far < CLEARANCE)
         moved[inside] += np.maximum(CLEARANCE - far[inside], 0.005)
         if (moved > FARTHEST).any():
@@ -219,4 +225,13 @@ def _cleared(pattern: Pattern, mesh: PanelMesh, distance: Distance, moves: Seque
                 f"panel {pattern.panels[int(moved.argmax())].name}: it is still inside the body {FARTHEST:g} m away from "
                 "its place; is the unit right, and does it face outwards?"
             )
-    return out + moved[mesh.panel, None] * way[mesh.panel]
+        for k in inside:
+            out[mine[k]] = moves[k](placed(_out(pattern.panels[k], moved[k]), mesh.material[mine[k]]))
+    return out
+
+
+def _out(panel: Panel, moved: float) -> Panel:
+    """A panel moved outwards by so many metres; one that is rolled keeps its axis and gets that much wider."""
+    assert panel.translation is not None
+    bend = panel.bend / (1 + moved * float(np.hypot(*panel.bend)))
+    return replace(panel, translation=panel.translation + moved * outward(panel), bend=bend)

@@ -7,12 +7,13 @@ the same input gives the same bits, as one thread does the work.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
-from vitruvian.cloth.constraints import Groups, grouped, hinges, membranes
+from vitruvian.cloth.constraints import LEAST, Groups, grouped, hinges, membranes, stiffened, yielding
 from vitruvian.cloth.obstacle import Obstacle
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.native import kernels
@@ -23,7 +24,9 @@ GRAVITY = (0.0, -9.81, 0.0)
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
 FIRM = 1.5  # gaps: what was so near is on the side where it was, whatever a frame makes of it
 HURRY, SUDDEN = 1.5, 4.9  # what is near may be so much faster in the coming frame, and m/s^2 that set it moving
-CARRY = 0.5  # of the constraints' multipliers that the next substep begins with; above 0.7 cloth begins to ring
+BENDS, SLOW = (4, 2), 8.0  # hinges are worked off in one of so many steps, if they are so many times softer than a step
+CARRY = 0.5  # of the multipliers that the next substep begins with; with more, what one pass leaves to the next rings
+GIVE = 0.009  # share by which a cloth that hangs may be longer than its fabric makes it
 NONE: Ints = np.zeros((0, 2), np.int32)
 
 
@@ -43,6 +46,24 @@ class Cloth:
     pinned: Ints
     same: Ints
     gap: float = 0.0
+    kept: dict[float, tuple[Single, Single, int]] = field(default_factory=dict)  # what `tuned` has worked out
+
+    def tuned(self, h: float) -> tuple[Single, Single, int]:
+        """Coefficients of membranes and hinges for steps of h seconds; hinges are worked off in one of so many steps."""
+        if h not in self.kept:
+            membrane = stiffened(self.membranes, self.yielding[0] * (1 - CARRY) * h * h)
+            bend, rest = self.yielding[1] * h * h, self.hinges.rest
+            slow = float(np.quantile(rest[:, 4] / bend, 0.02)) if len(rest) else 1.0
+            bends = next((m for m in BENDS if slow > SLOW * m), 1)
+            hinge = rest.copy()
+            hinge[:, 4] = np.maximum(rest[:, 4] - 0.5 * bends * bend, 0.05 * rest[:, 4])
+            self.kept[h] = membrane, hinge, bends
+        return self.kept[h]
+
+    @cached_property
+    def yielding(self) -> tuple[Floats, Floats]:
+        """How much softer one pass a step makes membranes (g,2,8), weft and warp, and hinges (g,8): compliance over h^2."""
+        return yielding(self.membranes, self.sheet, self.inverse_mass), _weight(self.hinges, self.inverse_mass)
 
     def state(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> State:
         """Where it begins: (n,3) metres, and m/s."""
@@ -62,7 +83,7 @@ class State:
     nearest: Ints | None = None
     near: Ints = field(default_factory=lambda: NONE)
     side: Single = field(default_factory=lambda: np.zeros(0, np.float32))
-    drive: tuple[Single, Single, Single] | None = None
+    drive: tuple[Single, Single] | None = None
 
     @property
     def speed(self) -> float:
@@ -131,11 +152,10 @@ def step(
     path[:, :3] = path[:, 3:] = state.x[cloth.pinned]
     if targets is not None:
         path[:, 3:] = floats(targets, "targets", len(cloth.pinned), 3)
-    groups = len(cloth.membranes.index), len(cloth.hinges.index)
-    if state.drive is None:
-        stretch, bend = (np.zeros((g, 3, 8), np.float32) for g in groups)
-    else:
-        d[:n, :3], stretch, bend = state.drive[0], state.drive[1].copy(), state.drive[2].copy()
+    stretch = np.zeros((len(cloth.membranes.index), 3, 8), np.float32)
+    if state.drive is not None:
+        d[:n, :3], stretch = state.drive[0], state.drive[1].copy()
+    membrane_rest, hinge_rest, bends = cloth.tuned(dt / substeps)
     sewn = np.zeros((0, 3), np.float32) if pairs is None else _rests(pairs)
     nearest = np.full(n, -1, np.int32)
     if obstacle is not None:
@@ -156,8 +176,8 @@ def step(
     body = empty if obstacle is None else (obstacle.triangles, obstacle.neighbours, obstacle.start, obstacle.end)
     limits = (0.0, 0.0, 0.0) if obstacle is None else (obstacle.offset, obstacle.most, obstacle.reach)
     cloth_frame(
-        x, v, d, stretch, bend, CARRY,
-        cloth.membranes.index, cloth.membranes.rest, cloth.hinges.index, cloth.hinges.rest,
+        x, v, d, stretch, bends, CARRY,
+        cloth.membranes.index, membrane_rest, cloth.hinges.index, hinge_rest,
         cloth.tethers.index, cloth.tethers.rest,
         dt, substeps, np.asarray(gravity, np.float32), damping, 0.5 * cloth.gap,
         cloth.pinned, path,
@@ -167,9 +187,31 @@ def step(
     )  # fmt: skip
     near, side = known
     seen = nearest if obstacle is not None else state.nearest
-    return State(
-        x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch, bend)
-    )
+    return State(x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch))
+
+
+def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) -> int:
+    """In how many steps a frame is to be worked off, `SUBSTEPS` at least and 200 at most.
+
+    One pass a step makes cloth softer than its fabric, as fine meshes and long steps do most. give: by which share a cloth
+    as long as the root of its area may grow for that reason when it is hung up; None: as many steps as make the cloth in
+    its rest as stiff as its fabric.
+    """
+    area, m = cloth.sheet.areas, cloth.membranes
+    real = m.index[:, 0] < len(cloth.inverse_mass)
+    own = cloth.yielding[0].mean(axis=1)[real] * (1 - CARRY)  # compliance over h^2
+    size = 0.5 / np.abs(m.rest[:, 0] * m.rest[:, 3] - m.rest[:, 1] * m.rest[:, 2])[real].astype(np.float64)
+    if give is None:
+        want = np.quantile(cloth.yielding[0] * (1 - CARRY) / m.rest[:, [4, 6]], 0.98) / (1 - LEAST)
+    else:
+        weight = 9.81 * cloth.sheet.masses.sum() / np.sqrt(area.sum())  # N/m
+        want = weight * float(np.mean(own * size)) / give
+    return int(np.clip(np.ceil(dt * np.sqrt(want)), SUBSTEPS, 200))
+
+
+def _weight(hinges: Groups, inverse_mass: Single) -> Floats:
+    w = np.append(inverse_mass, 0.0).astype(np.float64)
+    return np.maximum(np.sum(w[hinges.index] * hinges.rest[:, :4].astype(np.float64) ** 2, axis=1), 1e-30)
 
 
 def _rests(pairs: Pairs) -> Single:

@@ -9,10 +9,11 @@ from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.touch_numpy import closest, shares
 
 Single = NDArray[np.float32]
+SUDDEN = 0.25  # strain that a step takes away at most
 
 
 def cloth_frame(
-    x: Single, v: Single, d: Single, membrane_force: Single, hinge_force: Single, carry: float,
+    x: Single, v: Single, d: Single, membrane_force: Single, bends: int, carry: float,
     membrane: Ints, membrane_rest: Single, hinge: Ints, hinge_rest: Single, tether: Ints, tether_rest: Single,
     dt: float, substeps: int, gravity: Single, damping: float, limit: float,
     pin: Ints, pin_path: Single, pair: Ints, pair_rest: Single,
@@ -43,14 +44,16 @@ def cloth_frame(
         foreseen = at.copy()
         foreseen[free] += way[free]
         at = foreseen.copy()
-        at[free] += carry * d[free, :3]
         if len(pin):
             at[pin] = pin_path[:, :3] + high * (pin_path[:, 3:] - pin_path[:, :3])
+        if s % bends == 0:
+            for index, rest in zip(hinge, hinge_rest):
+                _hinge(at, w, index, rest.astype(np.float64), h * min(bends, substeps - s) ** 0.5)
+        begin = at.copy()
+        at += carry * d[:, :3]
         for index, rest, force in zip(membrane, membrane_rest, membrane_force):
             _membrane(at, w, index, rest.astype(np.float64), force, h, carry)
-        for index, rest, force in zip(hinge, hinge_rest, hinge_force):
-            _hinge(at, w, index, rest.astype(np.float64), force, h, carry)
-        d[:, :3] = at - foreseen
+        d[:, :3] = at - begin
         for index, rest in zip(tether, tether_rest):
             _tether(at, w, index, rest.astype(np.float64))
         for (a, b), (start, end, compliance) in zip(pair, pair_rest.astype(np.float64)):
@@ -90,20 +93,21 @@ def _membrane(at: Floats, w: Floats, index: Ints, rest: Floats, force: Single, h
     matrix += give
     kept = carry * force.T.astype(np.float64)
     right = -np.stack([lu - 1, lv - 1, np.sum(fu * fv, axis=1)], axis=1) - np.einsum("lij,lj->li", give, kept)
-    some = np.abs(np.linalg.det(matrix)) > 0
+    right = np.clip(right, -SUDDEN, SUDDEN)
+    whole, most = np.linalg.det(matrix), 0.1 * np.prod(np.diagonal(matrix, axis1=1, axis2=2), axis=1)
+    some = np.abs(whole) > 0
     share = np.zeros_like(right)
     share[some] = np.linalg.solve(matrix[some], right[some][..., None])[..., 0]
+    share *= (whole / np.maximum(whole, most + 1e-30))[:, None]
     force[:] = (kept + share).T
     move = w[index][..., None] * np.einsum("vilx,li->vlx", grad, share)
     _add(at, index, move)
 
 
-def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, force: Single, h: float, carry: float) -> None:
+def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
     factor = rest[:4]
-    give, kept = rest[4] / (h * h), carry * force.T.astype(np.float64)
-    both = np.maximum(np.sum(w[index] * factor**2, axis=0) + give, 1e-30)
-    share = -(np.einsum("vl,vlx->lx", factor, at[index]) + give[:, None] * kept) / both[:, None]
-    force[:] = (kept + share).T
+    both = np.maximum(np.sum(w[index] * factor**2, axis=0) + rest[4] / (h * h), 1e-30)
+    share = -np.einsum("vl,vlx->lx", factor, at[index]) / both[:, None]
     _add(at, index, (w[index] * factor)[..., None] * share)
 
 

@@ -36,7 +36,15 @@ def shares(x: Floats, corner: Floats) -> Floats:
 
 
 def near_cloth(
-    x: Single, v: Single, triangles: Ints, edges: Ints, sides: Ints, same: Ints, limits: Single, before: Ints, side: Single,
+    x: Single,
+    v: Single,
+    triangles: Ints,
+    edges: Ints,
+    sides: Ints,
+    same: Ints,
+    limits: Single,
+    before: Ints,
+    side: Single,
 ) -> tuple[Ints, Single, Ints, Single]:
     """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h."""
     p, u = x[:, :3].astype(np.float64), v[:, :3].astype(np.float64)
@@ -54,7 +62,7 @@ def near_cloth(
     which: list[float] = []
     keys: list[list[int]] = []
     kept: list[float] = []
-    wide = still + moving
+    wide, free = still + moving, x[:, 3] > 0
     normal = np.cross(p[triangles[:, 1]] - p[triangles[:, 0]], p[triangles[:, 2]] - p[triangles[:, 0]])
     normal /= np.sqrt(np.sum(normal**2, axis=1, keepdims=True) + 1e-60)
     vertex_of, edge_of = (
@@ -76,6 +84,7 @@ def near_cloth(
         upright = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         up = np.sum((p[i] - corner[:, 0]) * upright, axis=1)
         good = meet(way, np.full((len(some), 1), i), triangles[some]) & ~flat(some, vertex_of[i])
+        good &= free[i] | free[triangles[some]].any(axis=1)
         for k in np.flatnonzero(good):
             t = int(some[k])
             index.append([i, *triangles[t]])
@@ -93,7 +102,7 @@ def near_cloth(
                 continue
             share_, across = _closest_edges(p[[*edges[e], *edges[f]]])
             way = share_ @ p[[*edges[e], *edges[f]]]
-            if across and meet(way[None], edges[None, e], edges[None, f])[0]:
+            if across and free[[*edges[e], *edges[f]]].any() and meet(way[None], edges[None, e], edges[None, f])[0]:
                 index.append([*edges[e], *edges[f]])
     return (
         np.array(index, np.int32).reshape(-1, 4),

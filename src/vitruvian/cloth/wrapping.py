@@ -1,7 +1,7 @@
 """Places for patterns that have none: from names, labels and shapes, panels stand before, behind and beside the body.
 
-Source: note cloth.md, sections 2.2, 2.4 and 5. Panels stay flat, as those of our own drafts; the tailor then moves each
-outwards until it is clear of the skin.
+Source: note cloth.md, sections 2.2, 2.4 and 5. Fronts and backs stand flat, as those of our own drafts; sleeves and bands
+of one piece are rolled around the limb or waist. The tailor then moves each outwards until it is clear of the skin.
 """
 
 from __future__ import annotations
@@ -14,13 +14,15 @@ import numpy as np
 
 from vitruvian.body.types import Floats
 from vitruvian.cloth.drafting.figure import Figure
-from vitruvian.cloth.pattern import Edge, Panel, Pattern, along, area, ends, length, loops
-from vitruvian.cloth.placing import ARMS
+from vitruvian.cloth.pattern import Edge, Panel, Pattern, along, area, ends, length, loops, placed
+from vitruvian.cloth.placing import Dummy
 from vitruvian.errors import VitruvianError
 
 WAIST = "lower_interface"  # the label of the edge that a garment without shoulders hangs by
 RISE, CROTCH = 0.018, 0.02  # metres of a shoulder's inner end over the nape, of a fork under the crotch
 DEPTH = {"torso": 0.16, "skirt": 0.14, "leg": 0.14, "band": 0.14, "pocket": 0.22, "collar": 0.12, "hood": 0.14}
+ROOM = 0.02  # metres between what is rolled and the limb, and of shoulders over shoulders
+NECK = 0.1  # metres beside the middle, where shoulders are and the head is not
 LEFT, RIGHT = 1, -1  # sides of the body, as x has them
 FRONT, BACK = 1, -1
 # What a word in a name or label says of the region, the face and the side
@@ -50,7 +52,7 @@ REGIONS = {
 }
 FACES = {FRONT: ("front", "f", "ftorso", "fr"), BACK: ("back", "b", "btorso", "bk")}
 SIDES = {LEFT: ("left", "l"), RIGHT: ("right", "r")}
-LIKE = {"cuff": "sleeve", "arm": "sleeve"}
+LABELS = {"torso": "body", "sleeve": "arm", "cuff": "arm", "leg": "leg", "skirt": "skirt", "band": "body"}
 MIRRORED = "mirrored"
 
 
@@ -64,21 +66,54 @@ class Worn:
     side: int
 
 
-def wrapped(pattern: Pattern, figure: Figure, *, arms: float = ARMS) -> Pattern:
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """The body that panels are placed around: its measures and landmarks, the points of its skin (V,3) metres as it stands
+    to be dressed, and by side its shoulder's and elbow's joint (3,)."""
+
+    figure: Figure
+    points: Floats
+    arms: Mapping[int, tuple[Floats, Floats]]
+
+    def slice(self, height: float, reach: float) -> Floats:
+        """(n,3): what of the skin is within a centimetre of a height, and `reach` of the middle."""
+        p = self.points
+        return p[(np.abs(p[:, 1] - height) < 0.01) & (np.abs(p[:, 0]) < reach)]
+
+    def top(self, x: float) -> float:
+        """How high the shoulders reach beside the neck, metres."""
+        p = self.points
+        column = p[(np.abs(p[:, 0] - x) < 0.012) & (p[:, 1] > self.figure.waist)]
+        return float(column[:, 1].max()) if len(column) else self.figure.shoulder
+
+
+def stand(figure: Figure, mannequin: Dummy) -> Stand:
+    """The body as it will be dressed."""
+    skeleton = mannequin.body.skeleton
+    arms = {}
+    for side, letter in ((LEFT, "l"), (RIGHT, "r")):
+        joints = [skeleton.index[f"{letter}_{n}"] for n in ("shoulder", "elbow")]
+        ends = [(mannequin.matrices[j] @ np.append(skeleton.centers[j], 1.0))[:3] for j in joints]
+        arms[side] = (ends[0], ends[1])
+    return Stand(figure, mannequin.vertices[np.unique(mannequin.triangles)], arms)
+
+
+def wrapped(pattern: Pattern, at: Stand) -> Pattern:
     """The pattern with a place for every panel that has none, and the waist of a garment without shoulders labelled.
 
-    figure: the body's landmarks; arms: how far below the horizontal its arms hang, radians. Panels that have a place keep
-    it. `extra["wrap"]`, panel -> words, goes before what its name and label say. VitruvianError for a panel of which
-    neither words nor shape say where it belongs.
+    Panels that have a place keep it. `extra["wrap"]`, panel -> words, goes before what its name and label say.
+    VitruvianError for a panel of which neither words nor shape say where it belongs.
     """
     if all(p.rotation is not None and p.translation is not None for p in pattern.panels):
         return pattern
     where = wearing(pattern)
+    lifted = _lift(pattern, where, at)
     panels = [
-        p if p.rotation is not None and p.translation is not None else _stood(p, where[p.name], figure, arms)
+        p if p.rotation is not None and p.translation is not None else _stood(p, where[p.name], at, lifted)
         for p in pattern.panels
     ]
-    return replace(pattern, panels=tuple(_anchored(panels, where)))
+    labelled = [p if p.label else replace(p, label=LABELS.get(where[p.name].region, "")) for p in panels]
+    return replace(pattern, panels=tuple(_anchored(labelled, where)))
 
 
 def wearing(pattern: Pattern) -> dict[str, Worn]:
@@ -190,10 +225,10 @@ def _side(panel: Panel, worn: Worn, pattern: Pattern) -> int:
         if "notch" in at and "bnotch" in at:
             return RIGHT if at["notch"] > at["bnotch"] else LEFT
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
-    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
-        return 0
     if worn.region == "hood":
         return LEFT if MIRRORED in _words(panel.name) else RIGHT
+    if worn.region in ("band", "collar", "pocket") or _symmetric(panel):
+        return 0
     # the middle of the body, seen as u: at a fork, where a top is highest, where a skirt's top edge is upright
     ring = _ring(panel)
     left, right = float(ring[:, 0].min()), float(ring[:, 0].max())
@@ -221,18 +256,36 @@ def _across(panel: Panel, face: int) -> int:
     return 1 if face * np.sign(area(panel)) > 0 else -1
 
 
-def _stood(panel: Panel, worn: Worn, f: Figure, arms: float) -> Panel:
+def _lift(pattern: Pattern, where: Mapping[str, Worn], at: Stand) -> float:
+    """Height at which the tops of fronts and backs stand, so that their shoulders are just above the body's."""
+    least = np.inf
+    for p in pattern.panels:
+        worn = where[p.name]
+        if worn.region != "torso":
+            continue
+        here = _upright(p, worn.face, worn.side, 0.0, 0.0)
+        ring = placed(here, _ring(p))
+        rise = np.abs(np.roll(ring, -1, axis=0) - ring)
+        level = rise[:, 1] < 0.5 * rise[:, 0]  # shoulders, not necks and armholes
+        high = ring[level & (ring[:, 1] > -0.12) & (np.abs(ring[:, 0]) > NECK)]
+        least = min([least, *(y - at.top(x) for x, y, _ in high[::4])])
+    return ROOM - float(least) if np.isfinite(least) else at.figure.nape + RISE
+
+
+def _stood(panel: Panel, worn: Worn, at: Stand, lifted: float) -> Panel:
+    f = at.figure
     if worn.region in ("sleeve", "cuff"):
-        return _on_arm(panel, worn, f, arms)
+        return _on_arm(panel, worn, at)
     if worn.region == "band":
-        return _around_waist(panel, worn, f)
+        low, face = f.waist, worn.face or FRONT
+        return _strip(panel, worn, at, low, f["waist"], face, DEPTH["band"])
     if worn.region == "collar":
-        return _upright(panel, worn.face or BACK, worn.side, f.nape + 0.06, DEPTH["collar"])
+        return _strip(panel, worn, at, f.nape, f["neck"], worn.face or BACK, DEPTH["collar"])
     if worn.region == "hood":
         return _beside_head(panel, worn, f)
     if worn.region == "pocket":
         return _upright(panel, worn.face or FRONT, worn.side, f.waist, DEPTH["pocket"])
-    top = f.nape + RISE if worn.region == "torso" else f.waist
+    top = lifted if worn.region == "torso" else f.waist
     fork = _fork(panel) if worn.region == "leg" else None
     if fork is not None:
         rise = float(panel.vertices[:, 1].max() - fork[1])
@@ -252,44 +305,52 @@ def _upright(panel: Panel, face: int, side: int, top: float, depth: float) -> Pa
     return replace(panel, rotation=rotation, translation=np.array([x, top - high[1], face * depth]))
 
 
-def _around_waist(panel: Panel, worn: Worn, f: Figure) -> Panel:
-    """A strip along the waist, its long way across; one that goes all the way round stands before the body."""
+def _strip(panel: Panel, worn: Worn, at: Stand, low: float, girth: float, face: int, depth: float) -> Panel:
+    """A strip with its long way across; one that is longer than half the girth is rolled around the body."""
     ring = _ring(panel)
     size = np.ptp(ring, axis=0)
-    face = worn.face or FRONT
-    if size[0] >= size[1]:
-        return _upright(panel, face, worn.side, f.waist + float(size[1]), DEPTH["band"])
-    spin = np.array([[0.0, 1.0], [-1.0, 0.0]])  # u, v of the strip as it lies
-    lying = replace(panel, vertices=panel.vertices @ spin.T, edges=tuple(_spun(e, spin) for e in panel.edges))
-    stood = _upright(lying, face, worn.side, f.waist + float(size[0]), DEPTH["band"])
-    whole = np.eye(3)
-    whole[:2, :2] = spin
-    assert stood.rotation is not None
-    return replace(panel, rotation=stood.rotation @ whole, translation=stood.translation)
+    standing = size[1] > size[0]
+    spin = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) if standing else np.eye(3)
+    flat = spin[:2, :2]
+    lying = replace(panel, vertices=panel.vertices @ flat.T, edges=tuple(_spun(e, flat) for e in panel.edges))
+    stood = _upright(lying, face, worn.side, low + float(min(size)), depth)
+    assert stood.rotation is not None and stood.translation is not None
+    out = replace(panel, rotation=stood.rotation @ spin, translation=stood.translation)
+    if max(size) < 0.55 * girth:
+        return out
+    skin = at.slice(low + 0.5 * float(min(size)), girth / 4 + 0.03)
+    half = 0.5 * np.ptp(skin[:, [0, 2]], axis=0) if len(skin) else np.full(2, girth / 6)
+    radius = max(float(half.max()) + ROOM, 1.02 * float(max(size)) / (2 * np.pi))
+    middle = 0.5 * float(skin[:, 2].min() + skin[:, 2].max()) if len(skin) else 0.0
+    place = stood.translation * [1, 1, 0] + [0, 0, middle + face * radius]
+    return replace(out, translation=place, bend=np.array([0.0, 1.0] if standing else [1.0, 0.0]) / radius)
 
 
 def _spun(edge: Edge, spin: Floats) -> Edge:
     return replace(edge, points=edge.points @ spin.T)
 
 
-def _on_arm(panel: Panel, worn: Worn, f: Figure, arms: float) -> Panel:
-    """Above the arm, its top (v) towards the shoulder; halves that face forwards or backwards hang before or behind it."""
-    side = worn.side or LEFT
-    out = np.array([side * np.cos(arms), -np.sin(arms), 0.0])
-    shoulder = np.array([side * (f["shoulder_width"] / 2), f.shoulder, 0.0])
+def _on_arm(panel: Panel, worn: Worn, at: Stand) -> Panel:
+    """Rolled around the arm from above, its top (v) towards the shoulder; halves that face forwards or backwards hang
+    before or behind it."""
+    f, side = at.figure, worn.side or LEFT
+    shoulder, elbow = at.arms[side]
+    way = elbow - shoulder
+    out = np.array([way[0], way[1], 0.0]) / np.hypot(way[0], way[1])
     ring = _ring(panel)
-    start = shoulder + 0.015 * out
+    start = shoulder + (abs(f["shoulder_width"] / 2 + 0.02 - abs(shoulder[0])) / max(abs(out[0]), 0.2)) * out
     if worn.region == "cuff":
         start = shoulder + (f["arm_length"] - float(np.ptp(ring[:, 1]))) * out
     wound = 1.0 if area(panel) > 0 else -1.0
     if worn.face:
-        return _half_sleeve(panel, worn.face, side, ring, start, arms, wound)
-    up = np.array([side * np.sin(arms), np.cos(arms), 0.0])
+        return _half_sleeve(panel, worn.face, side, ring, start, float(np.arctan2(-out[1], side * out[0])), wound)
+    up = np.array([-side * out[1], side * out[0], 0.0])
     v, w = -out, wound * up
     rotation = np.stack([np.cross(v, w), v, w], axis=1)
     top = np.array([0.5 * (ring[:, 0].min() + ring[:, 0].max()), ring[:, 1].max(), 0.0])
-    reach = f["upper_arm"] / (2 * np.pi) + 0.03
-    return replace(panel, rotation=rotation, translation=start + reach * up - rotation @ top)
+    radius = max(f["upper_arm"] / (2 * np.pi) + ROOM, 1.02 * float(np.ptp(ring[:, 0])) / (2 * np.pi))
+    bend = np.array([1 / radius, 0.0])
+    return replace(panel, rotation=rotation, translation=start + radius * up - rotation @ top, bend=bend)
 
 
 def _half_sleeve(panel: Panel, face: int, side: int, ring: Floats, start: Floats, arms: float, wound: float) -> Panel:

@@ -125,7 +125,7 @@ def read_amass(path: str | os.PathLike[str], *, up: str | None = None, fps: floa
     `mocap_framerate` or `mocap_frame_rate`, or `fps`. `up`, or the axis along which the trunk stands on the whole.
     Shapes of bodies (`betas`) are left out. Raises FileError naming the array, for bombs and pickles too.
     """
-    with _Archive(path) as archive:
+    with Archive(path) as archive:
         poses = _poses(path, archive)
         trans = archive.get("trans")
         rate = next((archive.get(k) for k in ("mocap_framerate", "mocap_frame_rate", "fps") if k in archive), None)
@@ -165,7 +165,7 @@ def read_amass(path: str | os.PathLike[str], *, up: str | None = None, fps: floa
     )  # fmt: skip
 
 
-def _poses(path: object, archive: _Archive) -> Floats:
+def _poses(path: object, archive: Archive) -> Floats:
     """(T,J,3)."""
     if "poses" in archive:
         poses = archive.get("poses")
@@ -254,7 +254,7 @@ def _hanim_name(name: str) -> str:
     return f"{side[0]}_{FINGER_JOINTS[finger][int(part[-1]) - 1]}"
 
 
-class _Archive:
+class Archive:
     """The arrays of an npz, read one by one: no pickle, no more bytes than the member has, no bombs."""
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -267,7 +267,7 @@ class _Archive:
             raise FileError(path, 0, "expected an npz (a zip of arrays), found something else") from None
         self.members = {m.filename.removesuffix(".npy"): m for m in self.zip.infolist()}
 
-    def __enter__(self) -> _Archive:
+    def __enter__(self) -> Archive:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -5,15 +5,18 @@ Source: the format as described in note cloth.md, section 2.1.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vitruvian.body.types import Floats
-from vitruvian.cloth.pattern import Edge, Panel, Pattern, Seam, Span
+from vitruvian.cloth.pattern import Edge, Panel, Pattern, Seam, Span, arc, ends
 from vitruvian.errors import VitruvianError
+from vitruvian.formats.atomic import atomic
 from vitruvian.formats.json_checked import MOST, a_list, a_text, an_object, is_number, numbers, read_checked, wrong
 
 UNITS = (0.1, 100_000.0)  # in a metre
@@ -130,3 +133,76 @@ def _seam(value: object, where: str, counts: Mapping[str, int]) -> Seam:
     if len(stitch) == 3 and stitch[2] != "right_wrong":
         raise wrong(where, "right_wrong as the third entry", stitch[2])
     return Seam(sides[0], sides[1], reversed=len(stitch) < 3)
+
+
+def write_garmentcode(pattern: Pattern, path: str | Path) -> list[str]:
+    """A file of centimetres that GarmentCode reads; what it cannot hold.
+
+    VitruvianError for edges that are polylines, which the format does not know.
+    """
+    panels, lost = {}, []
+    for panel in pattern.panels:
+        move = np.zeros(3) if panel.translation is None else panel.translation
+        panels[panel.name] = {
+            "translation": (100 * move).tolist(),
+            "rotation": _angles(np.eye(3) if panel.rotation is None else panel.rotation),
+            "vertices": (100 * panel.vertices).tolist(),
+            "edges": [_edge_said(panel, i) for i in range(len(panel.edges))],
+        } | ({"label": panel.label} if panel.label else {})
+    stitches = []
+    for k, seam in enumerate(pattern.seams):
+        one = len(seam.a) == len(seam.b) == 1 and all((s.t0, s.t1) == (0, 1) for s in (*seam.a, *seam.b))
+        if not one or seam.open:
+            lost.append(f"seam {k}, which is {'open' if seam.open else 'of parts of edges, or of several'}")
+            continue
+        sides: list[Any] = [{"panel": s.panel, "edge": s.edge} for s in (seam.a[0], seam.b[0])]
+        stitches.append(sides if seam.reversed else [*sides, "right_wrong"])
+    for what, there in (
+        ("places", any(p.rotation is None for p in pattern.panels)),
+        ("rolled places", any(np.any(p.bend) for p in pattern.panels)),
+        ("buttons", pattern.buttons),
+        ("fabrics", any(p.fabric for p in pattern.panels)),
+        ("grain", any(p.grain[0] or p.grain[1] < 0 for p in pattern.panels)),
+        ("kinds of seams", any(s.kind != "plain" for s in pattern.seams)),
+    ):
+        lost += [what] * bool(there)
+    properties = {"units_in_meter": 100, "curvature_coords": "relative", "normalize_panel_translation": False}
+    whole = {
+        "pattern": {"panels": panels, "stitches": stitches, "panel_order": list(panels)},
+        "parameters": {}, "parameter_order": [], "properties": properties | {"normalized_edge_loops": True},
+    }  # fmt: skip
+    with atomic(path) as temporary:
+        Path(temporary).write_text(json.dumps(whole, indent=1), encoding="utf-8")
+    return lost
+
+
+def _angles(r: Floats) -> list[float]:
+    """Degrees about x, y and z of Rz Ry Rx."""
+    y = math.asin(max(-1.0, min(1.0, -r[2, 0])))
+    if abs(r[2, 0]) > 1 - 1e-12:  # x and z turn about one axis
+        return [math.degrees(v) for v in (math.atan2(-r[1, 2], r[1, 1]), y, 0.0)]
+    return [math.degrees(v) for v in (math.atan2(r[2, 1], r[2, 2]), y, math.atan2(r[1, 0], r[0, 0]))]
+
+
+def _edge_said(panel: Panel, i: int) -> dict[str, Any]:
+    edge = panel.edges[i]
+    out: dict[str, Any] = {"endpoints": [edge.start, edge.end]}
+    a, b = ends(panel, i)
+    if edge.kind == "polyline":
+        raise VitruvianError(f"panel {panel.name} edge {i}: GarmentCode knows no polylines; write .pattern.json")
+    if edge.kind == "arc":
+        center, _, angle = arc(panel, i)
+        if angle:
+            params = [100 * float(np.hypot(*(a - center))), int(abs(angle) > math.pi), int(angle > 0)]
+            out["curvature"] = {"type": "circle", "params": params}
+    elif edge.kind != "line":
+        way = b - a
+        across = np.array([-way[1], way[0]])
+        square = float(way @ way)
+        if not square:
+            raise VitruvianError(f"panel {panel.name} edge {i}: GarmentCode knows no curves that end where they begin")
+        out["curvature"] = {
+            "type": edge.kind,
+            "params": [[float((p - a) @ way) / square, float((p - a) @ across) / square] for p in edge.points],
+        }
+    return out | ({"label": edge.label} if edge.label else {})

@@ -13,7 +13,8 @@ Source: note cloth.md, section 2.4. Lengths are metres. Version 1:
      "buttons": [{"a": ["front", [0.1, 0.2]], "b": ["back", [0.1, 0.2]]}],
      "measures": {"chest": 0.99}, "extra": {}}
 
-Rotation and translation are left out together where a panel has no place; everything but names, vertices and the ends of
+Rotation and translation are left out together where a panel has no place; a panel that is rolled around the body there has
+"bend": [u, v], the way it curves, as long as 1 / radius. Everything but names, vertices and the ends of
 edges may be left out for what it is usually. A span is [panel, edge, from, to] or [panel, edge].
 """
 
@@ -62,8 +63,10 @@ def write_pattern(pattern: Pattern, path: str | Path) -> None:
 
 WRITERS = {
     ".pattern.json": ("pattern_file", "write_pattern"),
+    ".garmentcode.json": ("garmentcode", "write_garmentcode"),
     ".svg": ("pattern_svg", "write_svg"),
     ".dxf": ("pattern_dxf", "write_dxf"),
+    ".pdf": ("pattern_pdf", "write_drawing"),
 }
 
 
@@ -106,6 +109,8 @@ def _panel_said(panel: Panel) -> dict[str, Any]:
         out["rotation"] = panel.rotation.tolist()
     if panel.translation is not None:
         out["translation"] = panel.translation.tolist()
+    if np.any(panel.bend):
+        out["bend"] = panel.bend.tolist()
     out["vertices"] = panel.vertices.tolist()
     out["edges"] = [_edge_said(e) for e in panel.edges]
     return out
@@ -198,6 +203,7 @@ def _panel(value: object, number: int) -> Panel:
         numbers(panel.get("grain", [0.0, 1.0]), f"{where} grain", 2, 1e6),
         a_text(panel.get("fabric", ""), f"{where} fabric"),
         order,
+        numbers(panel.get("bend", [0.0, 0.0]), f"{where} bend", 2, FARTHEST),
     )
 
 

@@ -15,7 +15,7 @@ from vitruvian.formats.atomic import atomic
 MARGIN, GAP = 12.0, 14.0  # mm around the drawing and between panels
 WIDEST = 1600.0  # mm: fabric is about as wide
 GOLDEN = 0.61803398875
-Sewn = dict[tuple[str, int], list[tuple[int, str, float, float, bool]]]  # see _seams
+Sewn = dict[tuple[str, int], list[tuple[int, str, float, float, bool]]]  # see sewn_edges
 
 
 def write_svg(pattern: Pattern, path: str | Path) -> None:
@@ -31,7 +31,7 @@ def write_svg(pattern: Pattern, path: str | Path) -> None:
 def drawing(pattern: Pattern) -> str:
     """The text of `write_svg`."""
     places, (width, height) = laid_out(pattern)
-    seams = _seams(pattern)
+    seams = sewn_edges(pattern)
     body = []
     for panel, move in zip(pattern.panels, places):
         body += _panel(panel, move, seams)
@@ -51,7 +51,7 @@ def laid_out(pattern: Pattern) -> tuple[list[Floats], tuple[float, float]]:
     """Millimetres by which each panel is moved (2,), y down, so that they lie in rows, and the size of the drawing."""
     boxes = []
     for panel in pattern.panels:
-        points = np.concatenate([_page(outline(panel, loop)) for loop in loops(panel)] or [np.zeros((1, 2))])
+        points = np.concatenate([page(outline(panel, loop)) for loop in loops(panel)] or [np.zeros((1, 2))])
         boxes.append((points.min(axis=0), np.ptp(points, axis=0)))
     widest = max(WIDEST, max((size[0] for _, size in boxes), default=0) + 2 * MARGIN)
     order = sorted(range(len(boxes)), key=lambda k: -boxes[k][1][1])
@@ -68,7 +68,8 @@ def laid_out(pattern: Pattern) -> tuple[list[Floats], tuple[float, float]]:
     return places, (right + MARGIN, y + row + MARGIN)
 
 
-def _page(points: Floats) -> Floats:
+def page(points: Floats) -> Floats:
+    """Millimetres of the drawing, y down, of metres in a panel."""
     return points * [1000.0, -1000.0]
 
 
@@ -81,8 +82,8 @@ def _curves(panel: Panel, loop: list[int], move: Floats) -> str:
     out: list[str] = []
     for i in loop:
         edge = panel.edges[i]
-        a, b = (_page(p) + move for p in ends(panel, i))
-        inner = _page(edge.points) + move
+        a, b = (page(p) + move for p in ends(panel, i))
+        inner = page(edge.points) + move
         if not out:
             out.append(f"M{_at(a)}")
         if edge.kind == "arc":
@@ -107,7 +108,7 @@ def _at(point: Floats) -> str:
     return f"{point[0]:.4f},{point[1]:.4f}"
 
 
-def _seams(pattern: Pattern) -> Sewn:
+def sewn_edges(pattern: Pattern) -> Sewn:
     """For each edge its seams: number, colour, from and to, and whether the seam runs along it."""
     out: Sewn = {}
     for k, seam in enumerate(pattern.seams):
@@ -119,32 +120,30 @@ def _seams(pattern: Pattern) -> Sewn:
     return out
 
 
-def _panel(
-    panel: Panel, move: Floats, seams: dict[tuple[str, int], list[tuple[int, str, float, float, bool]]]
-) -> list[str]:
+def _panel(panel: Panel, move: Floats, seams: Sewn) -> list[str]:
     out = [f'<g id="{escape(panel.name)}">']
-    shapes = [_page(outline(panel, loop)) + move for loop in loops(panel)]
+    shapes = [page(outline(panel, loop)) + move for loop in loops(panel)]
     curves = "".join(_curves(panel, loop, move) for loop in loops(panel))
     out.append(f'<path class="cloth" fill-rule="evenodd" d="{curves}"/>')
     middle = shapes[0].mean(axis=0) if shapes else move
     for i in range(len(panel.edges)):
-        curve = _page(along(panel, i, np.linspace(0, 1, 2 if panel.edges[i].kind == "line" else 49))) + move
+        curve = page(along(panel, i, np.linspace(0, 1, 2 if panel.edges[i].kind == "line" else 49))) + move
         out.append(f'<path class="edge" d="{_path(curve)}"/>')
-        way = _unit(curve[len(curve) // 2] - curve[len(curve) // 2 - 1])
+        way = unit(curve[len(curve) // 2] - curve[len(curve) // 2 - 1])
         inward = np.array([way[1], -way[0]]) * (1.0 if area(panel) > 0 else -1.0)
         for k, color, low, high, forward in seams.get((panel.name, i), []):
-            own = _page(along(panel, i, np.linspace(low, high, 49))) + move
+            own = page(along(panel, i, np.linspace(low, high, 49))) + move
             out.append(f'<path class="seam" stroke="{color}" d="{_path(own)}"/>')
             out += _arrow(own if forward else own[::-1], color, k, inward)
-        a, b = (_page(p) + move for p in ends(panel, i))
-        at = _page(along(panel, i, 0.5))[0] + move
+        a, b = (page(p) + move for p in ends(panel, i))
+        at = page(along(panel, i, 0.5))[0] + move
         inner = at + 7 * inward
         turn = np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0]))
         turn = turn - 180 if turn > 90 else turn + 180 if turn < -90 else turn
         said = f"{i}: {100 * length(panel, i):.1f} cm"
         where = f'x="{inner[0]:.2f}" y="{inner[1]:.2f}" transform="rotate({turn:.1f} {inner[0]:.2f} {inner[1]:.2f})"'
         out.append(f'<text class="mark" {where}>{said}</text>')
-    warp = _unit(panel.grain * [1.0, -1.0]) * 35
+    warp = unit(panel.grain * [1.0, -1.0]) * 35
     (x1, y1), (x2, y2) = middle - warp, middle + warp
     out.append(f'<line class="grain" x1="{x1:.2f}" y1="{y1:.2f}" x2="{x2:.2f}" y2="{y2:.2f}"/>')
     out.append(f'<text class="name" x="{middle[0]:.2f}" y="{middle[1]:.2f}">{escape(panel.name)}</text></g>')
@@ -153,7 +152,7 @@ def _panel(
 
 def _arrow(points: Floats, color: str, number: int, inward: Floats) -> list[str]:
     """A head on the seam that says which way it runs, and the seam's number outside the panel."""
-    here, way = points[len(points) // 2], _unit(points[-1] - points[0])
+    here, way = points[len(points) // 2], unit(points[-1] - points[0])
     across = np.array([-way[1], way[0]])
     head = np.array([here + 4 * way, here - 2 * way + 2.4 * across, here - 2 * way - 2.4 * across])
     at = here - 7 * inward
@@ -163,6 +162,7 @@ def _arrow(points: Floats, color: str, number: int, inward: Floats) -> list[str]
     ]
 
 
-def _unit(v: Floats) -> Floats:
+def unit(v: Floats) -> Floats:
+    """A vector of length 1; that of none is none."""
     size = float(np.hypot(*v))
     return v / size if size > 0 else v

@@ -175,3 +175,18 @@ def document(pattern: Pattern) -> dict[str, Any]:
 
 def _is_anchor(label: str) -> bool:
     return bool(label) and ".." not in label
+
+
+def write_sidecar(pattern: Pattern, path: str | Path) -> None:
+    """The sidecar of a pattern's seams, buttons and anchors, a line each."""
+    import json
+
+    from vitruvian.formats.atomic import atomic
+
+    said = document(pattern)
+    parts = [f'{{"{KEY}": {VERSION}']
+    for key in ("seams", "anchors", "buttons"):
+        rows = ",".join("\n " + json.dumps(row, ensure_ascii=False) for row in said[key])
+        parts.append(f'"{key}": [{rows}]')
+    with atomic(path) as temporary:
+        Path(temporary).write_text(",\n".join(parts) + "}\n", encoding="utf-8")

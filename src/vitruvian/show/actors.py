@@ -21,6 +21,7 @@ from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 from vitruvian.show.explore import details
+from vitruvian.show.fit_view import FitView
 from vitruvian.show.heat import Heat
 from vitruvian.show.keeping import features
 from vitruvian.show.marked import Marked
@@ -64,7 +65,7 @@ class Actor:
     humanoid: Humanoid | None = None  # what the body was packed from, for the names that arrays do not have
     motion: Motion | None = None
     twin: Body | None = None  # the same body with contours, which the page compares with
-    heat: Heat | None = None  # how far it is from another surface
+    heat: Heat | FitView | None = None  # how far it is from another surface, or how clothes fit
     marked: Marked | None = None  # the markers that moved it
 
     def __len__(self) -> int:
@@ -135,7 +136,7 @@ def _sliced(actor: Actor) -> Body | None:
 
 
 def _actor(thing: object) -> Actor:
-    if isinstance(thing, Heat):
+    if isinstance(thing, Heat | FitView):
         return replace(_actor(thing.thing), name=thing.name, heat=thing)
     if isinstance(thing, Marked):
         return replace(_actor(thing.clip), marked=thing)
@@ -253,7 +254,11 @@ def _warm(actor: Actor) -> tuple[list[Block], dict[str, Any]]:
     """Distances of an actor from another surface, NaN where there are none, and what is said about them."""
     if actor.heat is None:
         return [], {}
-    return [Block("heat", actor.heat.gaps.mm.astype(np.float32), actor.name)], {"heat": actor.heat.told()}
+    blocks = [
+        Block(f"heat_{k}" if k else "heat", values.astype(np.float32), actor.name)
+        for k, values in enumerate(actor.heat.values())
+    ]
+    return blocks, {"heat": actor.heat.told()}
 
 
 def _still(name: str, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> bytes:

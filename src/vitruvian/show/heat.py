@@ -48,6 +48,10 @@ class Heat:
     name: str = "surface"
     against: str = "scan"
 
+    def values(self) -> list[Floats]:
+        """What its points are coloured by, in mm."""
+        return [self.gaps.mm]
+
     def told(self) -> dict[str, Any]:
         """What pages hear of it beside the distances."""
         share, _ = self.gaps.histogram(self.reach)

@@ -24,6 +24,7 @@ export class Figure {
     Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel });
     Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [], features: header.features, handles: header.handles ?? [] });
     this.heat = header.heat && { ...header.heat, mm: get("heat") };
+    this.heat?.layers?.forEach((layer, i) => { layer.mm = get(i ? `heat_${i}` : "heat"); });
     this.marks = header.markers && { names: header.markers, joint: get("marker_joint"), point: get("marker_point"), now: null };
     this.centers = get("centers") ?? new Float32Array(0);
     this.stiffness = get("stiffness");

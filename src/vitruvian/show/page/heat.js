@@ -1,4 +1,4 @@
-// A surface coloured by its distance from another: colour bar with a histogram, figures, what is shown of the two.
+// A surface coloured by its distance from another, or by how clothes fit: colour bar with a histogram, figures, what is shown.
 
 import * as THREE from "three";
 import { css, toLinear } from "./colors.js";
@@ -8,10 +8,14 @@ import { flat } from "./looks.js";
 const $ = (id) => document.getElementById(id);
 const SHOWN = ["map", "other", "both"];
 
+/** Where a value is on a colour bar, 0 to 1. The bar begins at -reach, or at 0 where that is what is told. */
+const along = ({ low, reach }, mm) => { const from = low === 0 ? 0 : -reach; return Math.min(1, Math.max(0, (mm - from) / (reach - from))); };
+
 /** Colours (sRGB 0..1) of a distance in mm; NaN is a hole. */
-export function heatColor({ ramp, reach, hole }, mm) {
+export function heatColor(heat, mm) {
+  const { ramp, hole } = heat;
   if (!Number.isFinite(mm)) return hole;
-  const at = ((Math.min(1, Math.max(-1, mm / reach)) + 1) / 2) * (ramp.length - 1), i = Math.min(ramp.length - 2, Math.floor(at));
+  const at = along(heat, mm) * (ramp.length - 1), i = Math.min(ramp.length - 2, Math.floor(at));
   return ramp[i].map((c, k) => c + (at - i) * (ramp[i + 1][k] - c));
 }
 
@@ -39,14 +43,42 @@ export class HeatMap {
     if (!this.figure) return;
     const { heat } = this.figure;
     this.other = all.find((f) => f !== this.figure && !f.isBody && f.name === heat.against) ?? null;
-    $("heat-title").textContent = `mm from ${heat.against}`;
+    this.unit = heat.unit ?? "mm";
+    this.layered(heat.layers ?? []);
+    if (!heat.layers) $("heat-title").textContent = `mm from ${heat.against}`;
     $("heat-map").textContent = this.figure.name;
     $("heat-other").textContent = heat.against;
     for (const name of ["other", "both"]) $(`heat-${name}`).hidden = !this.other;
     $("heat-range").value = String(10 * Math.log2(heat.reach));
     this.ends();
     this.numbers();
+    $("heat-map").parentElement.hidden = Boolean(heat.layers);
+    $("heat-findings").replaceChildren(...(heat.findings ?? []).map((text) => el("p", "", text)));
     if (!this.opened) { this.opened = true; page.setMode("heat"); }
+  }
+
+  /** Buttons for each of several things that a surface may be coloured by. */
+  layered(layers) {
+    $("heat-layers").hidden = !layers.length;
+    $("heat-layers").replaceChildren(...layers.map((layer, i) => {
+      const button = el("button", "", layer.name);
+      Object.assign(button.dataset, { testid: `heat-${layer.name}`, tip: `Colour the clothes by ${layer.name}, ${layer.unit}`, key: ":" });
+      button.onclick = () => this.layer(i);
+      return button;
+    }));
+    if (layers.length) this.layer(0);
+  }
+
+  layer(i) {
+    const { heat } = this.figure, { name, unit, low, reach, ramp, mm } = heat.layers[i];
+    Object.assign(heat, { low, reach, ramp, mm, at: i });
+    this.unit = unit;
+    $("heat-title").textContent = `${name}, ${unit}`;
+    [...$("heat-layers").children].forEach((b, k) => b.setAttribute("aria-pressed", String(k === i)));
+    $("heat-range").value = String(10 * Math.log2(reach));
+    this.ends();
+    this.numbers();
+    this.page.looks();
   }
 
   show(name) {
@@ -56,7 +88,11 @@ export class HeatMap {
   }
 
   /** The next of: the map, the other surface, both. */
-  next() { if (this.other) this.show(SHOWN[(SHOWN.indexOf(this.shown) + 1) % SHOWN.length]); }
+  next() {
+    const { layers, at } = this.figure?.heat ?? {};
+    if (layers) this.layer((at + 1) % layers.length);
+    else if (this.other) this.show(SHOWN[(SHOWN.indexOf(this.shown) + 1) % SHOWN.length]);
+  }
 
   /** `step`: ten times the binary logarithm of the mm at the ends of the bar. */
   range(step) {
@@ -69,20 +105,29 @@ export class HeatMap {
   ends() {
     const { heat } = this.figure, { reach, ramp, mm } = heat;
     $("heat-ramp").style.background = `linear-gradient(to right, ${ramp.filter((_, i) => i % 4 === 0).map(css).join(", ")})`;
-    $("heat-ticks").replaceChildren(...[-1, -0.5, 0, 0.5, 1].map((t) => el("span", "", t ? `${t > 0 ? "+" : "\u2212"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
-    $("heat-range").setAttribute("aria-valuetext", `${reach} mm`);
+    $("heat-ticks").replaceChildren(...(heat.low === 0 ? [0, 0.25, 0.5, 0.75, 1] : [-1, -0.5, 0, 0.5, 1]).map((t) => el("span", "", t ? `${t > 0 ? "+" : "\u2212"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
+    $("heat-range").setAttribute("aria-valuetext", `${reach} ${this.unit}`);
     const bins = new Float64Array(48), area = areas(this.figure);
-    mm.forEach((d, v) => { if (Number.isFinite(d)) bins[Math.min(47, Math.max(0, Math.floor(24 * (1 + d / reach))))] += area[v]; });
+    mm.forEach((d, v) => { if (Number.isFinite(d)) bins[Math.min(47, Math.floor(48 * along(heat, d)))] += area[v]; });
     const most = Math.max(...bins) || 1;
     const steps = [...bins].map((n, i) => `H${i}V${(28 * (1 - n / most)).toFixed(1)}`).join("");
     $("heat-bins").setAttribute("d", `M0 28${steps}H48V28Z`);
   }
 
   numbers() {
-    const { numbers } = this.figure.heat, say = (x) => (x === null ? "\u2013" : x.toFixed(x < 9.995 ? 2 : 1));
+    const { numbers, layers, at } = this.figure.heat;
+    if (layers) return this.rows(layers[at]);
+    const say = (x) => (x === null ? "\u2013" : x.toFixed(x < 9.995 ? 2 : 1));
     const row = (name, n) => [el("span", "", name), ...["mean_mm", "p95_mm", "max_mm"].map((k) => el("b", "", say(n[k]))), el("b", "", `${Math.round(100 * n.holes)} %`)];
     const head = ["", "mean", "95 %", "max", "holes"].map((t) => el("i", "", t));
     $("heat-numbers").replaceChildren(...head, ...row("all", numbers), ...Object.entries(numbers.parts).flatMap(([n, p]) => row(n, p)));
+  }
+
+  /** The figures of a layer: of everything and of each part of the body. */
+  rows({ rows, unit }) {
+    const say = (x) => Number(x.toPrecision(3)).toString();
+    const head = ["", "mean", "99 %", "max", unit].map((t) => el("i", "", t));
+    $("heat-numbers").replaceChildren(...head, ...rows.flatMap(([n, ...x]) => [el("span", "", n), ...x.map((v) => el("b", "", say(v))), el("b", "", "")]));
   }
 
   /** Which figures are seen, and how. */
@@ -111,7 +156,7 @@ export class HeatMap {
     const corners = [hit.face.a, hit.face.b, hit.face.c].map((i) => figure.drawn[i]);
     const [near] = corners.map((s) => [p.distanceToSquared(new THREE.Vector3().fromArray(positions, 3 * s)), s]).sort((a, b) => a[0] - b[0])[0].slice(1);
     const mm = figure.heat.mm[near];
-    return Number.isFinite(mm) ? `${mm < 0 ? "\u2212" : "+"}${Math.abs(mm).toFixed(2)} mm` : "no answer";
+    return Number.isFinite(mm) ? `${mm < 0 ? "\u2212" : "+"}${Math.abs(mm).toFixed(2)} ${this.unit}` : "no answer";
   }
 
   point(e) {
