@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +74,7 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
         start = pattern_of(source, figure)
     known = measures(figure).values
     if start is not EMPTY:
-        start = _standing(fitted(start, known), known)  # what is said by measures of a body is said of this one
+        start = _standing(fitted(start, known), figure)  # what is said by measures of a body is said of this one
     if save is None and source.name.lower().endswith(".pattern.json"):
         save = source
     draft = _draft(save or source)
@@ -94,13 +93,12 @@ def desk_of(source: Path, body: str, save: Path | None, *, repair: bool = False)
     )
 
 
-def _standing(found: Pattern, known: Mapping[str, float]) -> Pattern:
+def _standing(found: Pattern, body: Any) -> Pattern:
     """With places for panels that have none, where it can be told; others are placed in the page."""
-    from vitruvian.cloth.drafting.figure import figure
-    from vitruvian.cloth.wrapping import wrapped
+    from vitruvian.cli.dressing import placed_on
 
     try:
-        return wrapped(found, figure(known))
+        return placed_on(found, body)
     except VitruvianError:
         return found
 

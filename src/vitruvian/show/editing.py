@@ -27,7 +27,7 @@ from vitruvian.cloth.proposals import proposals
 from vitruvian.cloth.sheet import strains
 from vitruvian.cloth.tailor import tailor
 from vitruvian.cloth.tessellate import tessellate
-from vitruvian.cloth.wrapping import wrapped
+from vitruvian.cloth.wrapping import stand, wrapped
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_file import document, pattern_from
 from vitruvian.show.wire import VERSION, Block, encode, quantise
@@ -205,12 +205,12 @@ class Editing:
 
     def _placed(self, name: str, words: str) -> bytes:
         """Where a panel goes that is worn where `words` say, such as "torso front left"."""
-        found = self.pattern()
-        if name not in {p.name for p in found.panels}:
+        found = next((p for p in self.pattern().panels if p.name == name), None)
+        if found is None:
             raise VitruvianError(f"place: there is no panel {name!r:.60}")
-        bare = tuple(replace(p, rotation=None, translation=None) if p.name == name else p for p in found.panels)
-        wrap = {p.name: words if p.name == name else "torso front" for p in found.panels}  # the others have places
-        panel = wrapped(replace(found, panels=bare, extra={"wrap": wrap}), figure(self.measures)).panel(name)
+        bare = replace(found, rotation=None, translation=None)
+        alone = Pattern("pattern", (bare,), extra={"wrap": {name: words}})
+        panel = wrapped(alone, stand(figure(self.measures), self.dummy)).panel(name)
         assert panel.rotation is not None and panel.translation is not None
         place = {"rotation": panel.rotation.tolist(), "translation": panel.translation.tolist()}
         return encode("placed", {"panel": name, "labels": [e.label for e in panel.edges]} | place)
