@@ -27,6 +27,7 @@ def opened(browser, url, size=(520, 440), **options):
     drawn = [c for c in complaints if "GPU stall" not in c and "GL Driver Message" not in c]  # the software renderer
     assert not drawn, drawn
     base = url.split("#")[0]
+    base = base.rsplit("/", 1)[0] + "/" if base.startswith("http") else base
     assert all(a.startswith((base, "blob:", "data:", "ws://127.0.0.1")) for a in addresses), addresses
 
 

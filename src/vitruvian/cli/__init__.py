@@ -45,6 +45,7 @@ from vitruvian.cli import (  # noqa: E402, F401  (they register their commands)
     blending,
     contouring,
     demo,
+    desk,
     dressing,
     editing,
     fabrics,

@@ -46,7 +46,13 @@ def pattern_of(source: Path, body: Any = None, **options: Any) -> Pattern:
     found = load(source, **given)
     if not isinstance(found, Pattern):
         raise VitruvianError(f"{source}: expected a sewing pattern, found a {type(found).__name__.lower()}")
-    return found
+    from vitruvian.cloth.dimensions import dimensions, fitted
+
+    if body is None or not dimensions(found):
+        return found
+    from vitruvian.modeling.measures import measures
+
+    return fitted(found, measures(body).values)  # lengths that are said by measures are those of this body
 
 
 def _measures(body: Any) -> dict[str, float]:

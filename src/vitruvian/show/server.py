@@ -20,18 +20,20 @@ import time
 from collections import deque
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vitruvian.errors import VitruvianError
 from vitruvian.show.showing import MAX_FINDINGS as MAX_FINDINGS
 from vitruvian.show.showing import Showing
 from vitruvian.show.wire import MAX_REQUEST, VERSION, encode, parse_request
+from vitruvian.show.wire import REQUESTS as SHOWN
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
     from starlette.websockets import WebSocket
 
     from vitruvian.body.types import Body
+    from vitruvian.show.editing import Editing
 
 FOLDER = Path(__file__).parent / "page"
 MODULES = (
@@ -81,7 +83,16 @@ MODULES = (
     "vendor/three.module.js",
     "vendor/three.core.js",
 )
-FILES = {"": "index.html", "style.css": "style.css", "boot.js": "boot.js"} | {name: name for name in MODULES}
+# the page of the pattern editor, and what it has of its own
+DESK = tuple(
+    f"pattern/{name}"
+    for name in (
+        *("boot.js", "pattern.css", "geometry.js", "measures.js", "shaping.js", "pairs.js", "desk.js", "board.js"),
+        *("drawing.js", "tools.js", "seams.js", "dressing.js", "inspector.js", "main.js"),
+    )
+)
+FILES = {"": "index.html", "style.css": "style.css", "boot.js": "boot.js"} | {name: name for name in (*MODULES, *DESK)}
+FILES["pattern"] = "pattern/pattern.html"
 KINDS = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -93,6 +104,7 @@ INTERVAL = 1 / 60  # seconds between frames
 RATE = 200  # requests per second and page
 STRIKES = 3  # bad requests until the connection is closed
 PATIENCE = 5.0  # seconds for the first message
+ELSEWHERE = 4001  # why the connection of a page was closed: another has taken over
 PAUSED = 0.1  # seconds between looks at a stage that stands still
 
 
@@ -106,9 +118,8 @@ def static(name: str) -> tuple[bytes, str] | None:
 
 
 def _policy(port: int) -> str:
-    page = static("")
-    assert page is not None
-    inline = re.findall(rb"<script type=\"importmap\">(.*?)</script>", page[0], re.S)
+    pages = b"".join(found[0] for found in map(static, ("", "pattern")) if found is not None)
+    inline = set(re.findall(rb"<script type=\"importmap\">(.*?)</script>", pages, re.S))
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s).digest()).decode()}'" for s in inline)
     sockets = f"ws://127.0.0.1:{port} ws://localhost:{port}"
     return (
@@ -117,8 +128,8 @@ def _policy(port: int) -> str:
     )
 
 
-def application(showing: Showing, token: str, port: int) -> ASGIApp:
-    """The ASGI application that shows `showing` to pages that know the token."""
+def application(showing: Showing | Editing, token: str, port: int) -> ASGIApp:
+    """The ASGI application that shows `showing`, or a pattern on the desk, to pages that know the token."""
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import Response
@@ -173,7 +184,7 @@ def application(showing: Showing, token: str, port: int) -> ASGIApp:
     return guarded
 
 
-async def _converse(ws: WebSocket, showing: Showing, token: str) -> None:
+async def _converse(ws: WebSocket, showing: Showing | Editing, token: str) -> None:
     from starlette.websockets import WebSocketDisconnect
 
     try:
@@ -189,7 +200,7 @@ async def _converse(ws: WebSocket, showing: Showing, token: str) -> None:
     if first["version"] != VERSION:
         await ws.close(1008, f"expected version {VERSION}; reload the page")
         return
-    page = _Page(ws, showing)
+    page: _Talk = _Page(ws, showing) if isinstance(showing, Showing) else _Desk(ws, showing)
     tasks = {asyncio.create_task(page.send()), asyncio.create_task(page.listen())}
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -200,7 +211,7 @@ async def _converse(ws: WebSocket, showing: Showing, token: str) -> None:
                 with contextlib.suppress(WebSocketDisconnect, RuntimeError, OSError):
                     await ws.close(1011, str(error)[:100])
     finally:
-        showing.wake.discard(page.event)
+        page.leave()
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -218,14 +229,56 @@ async def _text(ws: WebSocket) -> str:
     return text
 
 
-class _Page:
+class _Talk:
+    """One connected page, and what it asks for."""
+
+    requests = SHOWN
+
+    def __init__(self, ws: WebSocket):
+        self.ws = ws
+        self.strikes, self.times = 0, deque[float](maxlen=RATE)
+
+    async def send(self) -> None:
+        """Messages until the page is gone."""
+        raise NotImplementedError
+
+    async def answer(self, request: dict[str, Any]) -> None:
+        """Do what a page asks for."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """The page is gone."""
+
+    async def listen(self) -> None:
+        while True:
+            try:
+                request = parse_request(await _text(self.ws), self.requests)
+                self._limit()
+                if request["type"] == "hello":
+                    raise VitruvianError("request hello: expected once")
+                await self.answer(request)
+            except VitruvianError as error:
+                self.strikes += 1
+                await self.ws.send_bytes(encode("error", {"message": str(error)[:300], "strikes": self.strikes}))
+                if self.strikes >= STRIKES:
+                    await self.ws.close(1008, "too many bad requests")
+                    return
+
+    def _limit(self) -> None:
+        now = time.monotonic()
+        if len(self.times) == RATE and now - self.times[0] < 1:
+            raise VitruvianError(f"request: expected at most {RATE} in a second")
+        self.times.append(now)
+
+
+class _Page(_Talk):
     """One connected page: what was sent to it and what it acknowledged."""
 
     def __init__(self, ws: WebSocket, showing: Showing):
-        self.ws, self.showing = ws, showing
+        super().__init__(ws)
+        self.showing = showing
         self.event = asyncio.Event()
         self.sent = self.acked = 0
-        self.strikes, self.times = 0, deque[float](maxlen=RATE)
         showing.wake.add(self.event)
 
     async def send(self) -> None:
@@ -257,38 +310,67 @@ class _Page:
                 with contextlib.suppress(TimeoutError):  # a script may have sent something to the stage
                     await asyncio.wait_for(self.event.wait(), PAUSED)
 
-    async def listen(self) -> None:
-        while True:
-            try:
-                request = parse_request(await _text(self.ws))
-                self._limit()
-                if request["type"] == "ack":
-                    self.acked = min(max(self.acked, request["seq"]), self.sent)
-                    self.event.set()
-                elif request["type"] == "hello":
-                    raise VitruvianError("request hello: expected once")
-                else:
-                    answer = self.showing.apply(request)
-                    if answer is not None:
-                        await self.ws.send_bytes(answer)
-            except VitruvianError as error:
-                self.strikes += 1
-                await self.ws.send_bytes(encode("error", {"message": str(error)[:300], "strikes": self.strikes}))
-                if self.strikes >= STRIKES:
-                    await self.ws.close(1008, "too many bad requests")
-                    return
+    def leave(self) -> None:
+        self.showing.wake.discard(self.event)
 
-    def _limit(self) -> None:
-        now = time.monotonic()
-        if len(self.times) == RATE and now - self.times[0] < 1:
-            raise VitruvianError(f"request: expected at most {RATE} in a second")
-        self.times.append(now)
+    async def answer(self, request: dict[str, Any]) -> None:
+        if request["type"] == "ack":
+            self.acked = min(max(self.acked, request["seq"]), self.sent)
+            self.event.set()
+            return
+        answer = self.showing.apply(request)
+        if answer is not None:
+            await self.ws.send_bytes(answer)
+
+
+class _Desk(_Talk):
+    """A page that has a pattern on its desk. The newest page has it; those before are told that it went elsewhere."""
+
+    def __init__(self, ws: WebSocket, desk: Editing):
+        super().__init__(ws)
+        self.requests = desk.requests
+        self.desk, self.event, self.loop = desk, asyncio.Event(), asyncio.get_running_loop()
+        self.gone = False
+        desk.taken()
+        desk.wake, desk.taken = self._wake, self._taken
+
+    def _wake(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the server has stopped
+            self.loop.call_soon_threadsafe(self.event.set)
+
+    def _taken(self) -> None:
+        self.gone = True
+        self.event.set()
+
+    def leave(self) -> None:
+        if not self.gone:
+            self.desk.wake = self.desk.taken = lambda: None
+
+    async def send(self) -> None:
+        """The document, then whatever is new."""
+        for part in self.desk.hello():
+            await self.ws.send_bytes(part)
+        while not self.gone:
+            await self.event.wait()
+            self.event.clear()
+            for part in self.desk.outbox():
+                await self.ws.send_bytes(part)
+        await self.ws.close(ELSEWHERE, "the pattern was opened in another page")
+
+    async def answer(self, request: dict[str, Any]) -> None:
+        try:
+            said = self.desk.apply(request)
+        except VitruvianError as error:  # what cannot be done with a pattern is no fault of the page's
+            said = encode("refused", {"message": str(error)[:300], "of": request["type"]})
+        if said is not None:
+            await self.ws.send_bytes(said)
 
 
 class Server:
-    """A showing on a free port of the loopback interface. `url` opens it; `run` serves until `stop`."""
+    """A showing, or a pattern on the desk, on a free port of the loopback interface. `url` opens it; `run` serves until
+    `stop`."""
 
-    def __init__(self, showing: Showing, port: int = 0, *, token: str = ""):
+    def __init__(self, showing: Showing | Editing, port: int = 0, *, token: str = ""):
         import uvicorn
 
         self.showing, self.token = showing, token or secrets.token_hex(16)
@@ -301,7 +383,8 @@ class Server:
                 f"show: can't listen on 127.0.0.1:{port}: {error.strerror}; give another port"
             ) from None
         self.port = self.socket.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}/#token={self.token}"
+        home = "" if isinstance(showing, Showing) else "pattern"
+        self.url = f"http://127.0.0.1:{self.port}/{home}#token={self.token}"
         config = uvicorn.Config(
             application(showing, self.token, self.port),
             log_level="critical",

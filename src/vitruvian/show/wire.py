@@ -153,17 +153,17 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
 }
 
 
-def parse_request(text: str | bytes) -> dict[str, Any]:
-    """The request in `text`; `VitruvianError` with one line when it is not one of `REQUESTS`, exactly."""
+def parse_request(text: str | bytes, known: Mapping[str, Mapping[str, tuple[str, float, float]]] = REQUESTS) -> Any:
+    """The request in `text`, a dict; `VitruvianError` with one line when it is not one of those `known`, exactly."""
     if len(text) > MAX_REQUEST:
         raise VitruvianError(f"request: expected at most {MAX_REQUEST} bytes, found {len(text)}")
     try:
         request = json.loads(text)
     except (ValueError, RecursionError):
         raise VitruvianError("request: expected JSON") from None
-    if not isinstance(request, dict) or not isinstance(request.get("type"), str) or request["type"] not in REQUESTS:
-        raise VitruvianError(f"request: expected a type out of {', '.join(REQUESTS)}")
-    fields = REQUESTS[request["type"]]
+    if not isinstance(request, dict) or not isinstance(request.get("type"), str) or request["type"] not in known:
+        raise VitruvianError(f"request: expected a type out of {', '.join(known)}")
+    fields = known[request["type"]]
     if set(request) != {"type", *fields}:
         raise VitruvianError(f"request {request['type']}: expected the fields {sorted(fields)}")
     for name, (kind, low, high) in fields.items():
