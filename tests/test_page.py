@@ -287,6 +287,34 @@ def test_a_figure_in_coarser_detail_lies_on_the_same_skin_and_stands_whole(brows
         assert np.abs(positions(page) - wanted).max() < 1e-4
 
 
+def test_levels_of_detail_by_hand_while_nothing_plays(browser, tmp_path):
+    clip = walking_person()
+    record(clip, tmp_path / "person.html")
+    with opened(browser, (tmp_path / "person.html").as_uri(), (700, 520)) as page:
+        pause(page)
+        scrub(page, 12)
+        every = page.evaluate("vitruvian.actors[0].triangles")
+        seen, pictures = [], []
+        for _ in range(5):
+            page.keyboard.press("$")
+            page.wait_for_timeout(120)
+            seen.append(page.evaluate("vitruvian.drawn"))
+            pictures.append(page.get_by_test_id("canvas").screenshot())
+        all_of_them, fewer, few, far, again = seen
+        assert all_of_them == again == every and every > 1.2 * fewer and fewer > 1.3 * few and few > 1.5 * far > 500, (
+            seen
+        )
+        assert len(set(pictures[:4])) == 4
+        page.keyboard.press("$")
+        page.keyboard.press("$")
+        page.keyboard.press("m")
+        page.keyboard.press("w")
+        scrub(page, 20)
+        assert page.evaluate("vitruvian.drawn") == fewer and page.evaluate("vitruvian.mode") == "weights"
+        wanted = deformer("log", clip.body)(joint_matrices(clip.body.skeleton, clip.motion))[20]
+        assert np.abs(positions(page) - wanted).max() < 1e-4  # what scripts read is always all of it
+
+
 def walking_person() -> Clip:
     humanoid = vt.person()
     body = vt.pack(humanoid)

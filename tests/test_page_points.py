@@ -210,6 +210,11 @@ def test_a_dab_does_what_paint_does(browser, tmp_path):
         page.get_by_test_id("brush-strength").fill("60")
         before = weights_of(page, body, everything)
         x, y = page.evaluate("vitruvian.screen('l_shoulder')")
+        for _ in range(50):  # a slow machine may still fly when the camera says that it does not yet
+            page.wait_for_timeout(100)
+            was, (x, y) = (x, y), page.evaluate("vitruvian.screen('l_shoulder')")
+            if np.hypot(x - was[0], y - was[1]) < 0.01:
+                break
         radius = page.evaluate("vitruvian.painting.radius")
         for mode in MODES:
             page.get_by_test_id("brush-mode").select_option(mode)

@@ -280,3 +280,22 @@ def test_ages_outside_the_pack_warn():
         warnings.simplefilter("always")
         person(age=5)
     assert any(isinstance(w.message, VitruvianWarning) and "10" in str(w.message) for w in seen)
+
+
+def test_cameras_go_with_the_person_and_hold_it(tmp_path: Path) -> None:
+    from vitruvian.formats.registry import load, save
+    from vitruvian.show.figure import Figure
+
+    child = person(age=12)
+    save(child, tmp_path / "child.x3d")
+    for who in (child, load(tmp_path / "child.x3d")):
+        assert [s.name for s in who.viewpoints] == ["front_view", "side_view", "face_view"]
+        figure = Figure(who)
+        surface = next(figure.at([0.0]))
+        places = figure.places(surface, 0.0)
+        for name, toward in (("front_view", [0, 0, 1]), ("side_view", [1, 0, 0])):
+            local = surface.vertices @ places[name][:3, :3] - places[name][:3, 3] @ places[name][:3, :3]
+            assert np.allclose(places[name][:3, 2], toward, atol=1e-6)
+            assert (np.abs(local[:, :2]) < np.tan(np.pi / 8) * -local[:, 2:]).all()  # in a picture 45 degrees wide
+        eye, nose = places["face_view"][:3, 3], figure.skeleton.centers[figure.skeleton.index["skullbase"]]
+        assert 0.3 < eye[2] - nose[2] < 0.8 and abs(eye[1] - nose[1]) < 0.15

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,16 +114,18 @@ def dress(
     from vitruvian.cli.refitting import written
     from vitruvian.cloth.tailor import tailor
 
-    body, packed = (bare := _bare(source, repair)), pack(bare)
+    body = _bare(source, repair)
+    packed = pack(body)
     patterns = [_sewable(path, body, sidecar) for path in garments]
     lowered = _lowered(patterns) if arms is None else radians(arms)
     patterns = [placed_on(pattern, body, arms=lowered) for pattern in patterns]
-    start, over = time.perf_counter(), []
+    start = time.perf_counter()
+    over: list[Any] = []
     with progress("dressing") as bar:
         for k, pattern in enumerate(patterns):
             made = tailor(
                 pattern, packed, fabric=fabric[min(k, len(fabric) - 1)], size=size / 1000, arms=lowered, over=over,
-                progress=lambda _, share, k=k: bar(round(1000 * (k + share)), 1000 * len(patterns)),
+                progress=partial(_told, bar, k, len(patterns)),
             )  # fmt: skip
             over = [*made.below, made]
     lost, said = written(made, body, out, fit_map)
@@ -148,6 +151,10 @@ def _lowered(patterns: list[Pattern]) -> float:
 
     hung = all(p.rotation is not None and p.translation is not None for pattern in patterns for p in pattern.panels)
     return placing.ARMS if hung else wrapping.ARMS
+
+
+def _told(bar: Any, done: int, all_of: int, _: str, share: float) -> None:
+    bar(round(1000 * (done + share)), 1000 * all_of)
 
 
 def _sewable(path: Path, body: Any, sidecar: Path | None) -> Pattern:

@@ -55,6 +55,6 @@ def fit(
 def _line(f: dict[str, Any]) -> str:
     return (
         f"{f['name']:14}{1000 * f['density']:5.0f} g/m2, warp {f['stretch_v']:g} weft {f['stretch_u']:g} "
-        f"shear {f['shear']:g} N/m, bends {1e6 * f['bend_v']:.3g} / {1e6 * f['bend_u']:.3g} uN m, {1000 * f['thickness']:.2g} mm, "
-        f"friction {f['friction_body']:g}"
+        f"shear {f['shear']:g} N/m, bends {1e6 * f['bend_v']:.3g} / {1e6 * f['bend_u']:.3g} uN m, "
+        f"{1000 * f['thickness']:.2g} mm, friction {f['friction_body']:g}"
     )

@@ -182,7 +182,7 @@ def _drafted(garment: Garment, body: Humanoid) -> Garment:
     from vitruvian.cloth.drafting import DRAFTS
     from vitruvian.cloth.tailor import tailor
 
-    if garment.name not in DRAFTS:
+    if garment.name not in DRAFTS or not garment.pattern.measures:
         raise VitruvianError(
             f"--policy draft: expected a pattern of our own ({', '.join(DRAFTS)}), found {garment.name}"
         )

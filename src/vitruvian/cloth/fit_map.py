@@ -113,6 +113,7 @@ class FitMap:
         """Where it is too tight, the worst first: by stretch and pressure of the tighter half of each panel's part on
         each region, and by girths that the stretched cloth could not lend."""
         out = []
+        along = np.maximum(self.weft, self.warp)  # not on the bias: cloth shears easily, which is no tightness
         owner, on = _mode(self.region[self.triangles]), self.pressure[self.triangles].mean(axis=1)
         total = self.area.sum()
         for k, panel in enumerate(self.panels):
@@ -120,7 +121,7 @@ class FitMap:
                 some = (self.panel == k) & (owner == r)
                 if not region or self.area[some].sum() < SHARE * total:
                     continue
-                strain, limit = float(np.quantile(self.stretch[some, 0], 0.75)), float(self.limits[some].mean())
+                strain, limit = float(np.quantile(along[some], 0.75)), float(self.limits[some].mean())
                 press = float(np.quantile(on[some], 0.75))
                 much = max(strain / limit, press / PRESSED)
                 if much <= 1:

@@ -159,7 +159,8 @@ def _girth(mannequin: Dummy, height: float) -> float:
 
     p = mannequin.vertices[mannequin.triangles]
     above = p[:, :, 1] > height
-    p, above = (q[above.any(axis=1) & ~above.all(axis=1)] for q in (p, above))
+    met = above.any(axis=1) & ~above.all(axis=1)
+    p, above = p[met], above[met]
     a, b = p.reshape(-1, 3), np.roll(p, -1, axis=1).reshape(-1, 3)
     cut = (above != np.roll(above, -1, axis=1)).ravel()
     share = ((height - a[cut, 1]) / (b[cut, 1] - a[cut, 1]))[:, None]

@@ -44,13 +44,14 @@ def refitted(
     "keep_pattern": the cloth stays as it was cut and drapes anew, for up to `seconds` (None: 3), so that it pulls where
     the body has become larger; "grade": it is cut larger or smaller by as much as the skin below it has changed, so that
     what is between cloth and skin stays the same, and is not draped unless `seconds` says so. On an unchanged body it is
-    the same garment, bit for bit. Raises VitruvianError for another body.
+    the same garment, bit for bit. Garments below it follow each by itself. Raises VitruvianError for another body.
     """
     require(policy in POLICIES, "policy", " or ".join(POLICIES), repr(policy))
     skin = standing(garment, before).vertices if isinstance(before, Body) else floats(before, "skin", None, 3)
     other = standing(garment, after)
     changed = moved(garment, skin, other.vertices, other.triangles)
-    made = replace(changed, matrices=other.matrices)
+    below = tuple(refitted(g, skin, after, policy=policy, seconds=seconds) for g in garment.below)
+    made = replace(changed, matrices=other.matrices, below=below)
     if policy == "grade":
         made = graded(made, garment)
     long = (SECONDS if policy == "keep_pattern" else 0.0) if seconds is None else seconds

@@ -70,7 +70,7 @@ def near_cloth(
         for of, n in ((triangles, len(p)), (sides, len(edges)))
     )
 
-    def flat(t: Ints, u: int) -> NDArray[np.bool_]:  # neighbours that are not bent do not touch
+    def flat(t: NDArray[np.integer], u: int) -> NDArray[np.bool_]:  # neighbours that are not bent do not touch
         common = (same[triangles[t]][:, :, None] == same[triangles[u]][None, None]).any(axis=(1, 2))
         return common & (normal[t] @ normal[u] >= BENT)
 

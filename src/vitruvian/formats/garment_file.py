@@ -48,6 +48,8 @@ def write_garment(kept: Kept, path: str | os.PathLike[str]) -> None:
     """A file that `read_garment` reads as the same garment, bit for bit."""
     if not Path(path).name.lower().endswith(ENDING):
         raise VitruvianError(f"{path}: expected a name that ends in {ENDING}")
+    if kept.garment.below:
+        raise VitruvianError(f"{path}: {kept.garment.name} is worn over other garments; keep each in a file of its own")
     g, mesh = kept.garment, kept.garment.mesh
     keys = sorted(mesh.edges)
     head = {
@@ -137,7 +139,7 @@ def _kept(head: Mapping[str, Any], arrays: Mapping[str, Any], path: str) -> Kept
     skin = floats(arrays["skin"], "skin", None, 3)
     matrices = floats(arrays["matrices"], "matrices", None, 4, 4)
     report = _object(head.get("report", {}), "report")
-    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded)
+    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded=graded)
     if len(triangles):
         assert garment.sheet is not None  # a sheet whose triangles have no area is refused here
     return Kept(garment, skin, indices(whole("skin_triangles"), "skin_triangles", len(skin), None, 3))

@@ -54,6 +54,7 @@ FIRM = (2000.0, 60.0)  # how much proportions and details are held back against 
 ROUNDS = 10
 CHOICE = 4  # of these, after which the better one of two searches goes on
 STIFF = (300.0, 60.0, 15.0, 4.0, 1.0, 0.25)  # of the surface, round by round
+ROUGH = 3  # of these rounds, in which the worst matches count for nothing; later they are what is left to do
 HELD = 1.5  # of that, how much hands, ears and lids keep through all rounds
 DOUBT = 0.025  # metres by which a landmark misses when it is half believed
 
@@ -445,17 +446,18 @@ def _shrunk(found: Likeness, scan: shrink.Scan, where: Any, goal: Floats, sure: 
     left = 0
     for round_ in range(len(STIFF)):
         alpha, distance = STIFF[round_], max(0.06 * 0.7**round_, 0.012)
+        worst = shrink.WORST if round_ < ROUGH else 0.0
         normals = shrink.vertex_normals(points, t.triangles)
-        match = shrink.matches(points, normals, scan, distance=distance, angle=np.radians(55 - round_ * 2))
+        turned = np.radians(55 - round_ * 2)
+        match = shrink.matches(points, normals, scan, distance=distance, angle=turned, worst=worst)
         pull = (match.good & t.heard) * 1.0
         along = ((match.goal - points) * match.normal).sum(axis=1)
         target = points - start + along[:, None] * match.normal
         stiff = alpha + t.stiff * np.maximum(100 - alpha, 0) * HELD
         # the other way: what points of the scan want of the template's surface
         some = rng.choice(len(scan.vertices), min(len(scan.vertices), 15_000), replace=False)
-        back = shrink.matches(
-            scan.vertices[some], scan.normals[some], shrink.surface(points, t.triangles), distance=distance, angle=0.8
-        )
+        skin = shrink.surface(points, t.triangles)
+        back = shrink.matches(scan.vertices[some], scan.normals[some], skin, distance=distance, angle=0.8, worst=worst)
         good = back.good & t.heard[t.triangles[back.face]].all(axis=1)
         blend = shrink.blend(t.triangles[back.face[good]], back.share[good], len(points))
         ahead = ((scan.vertices[some][good] - back.goal[good]) * back.normal[good]).sum(axis=1)

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix, eye, vstack
 
 from vitruvian.body.types import Floats, Ints, Weights
 from vitruvian.errors import VitruvianError
-from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape, Site, Viewpoint
 from vitruvian.modeling import anatomy, source
 from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, parents_of, skin_colors
 from vitruvian.modeling.mass import Wedges, part_of, wedges
@@ -28,6 +28,7 @@ RAISED = (0.18, 0.06)  # radians by which the source's A pose lifts the collar b
 # An arm's weights reach over the shoulder, a thigh's end below the hip; anatomists cut arms off at the armpit and thighs
 # along the groin (de Leva 1996). Factors on the weights by which joints claim triangles for their masses.
 CLAIMS = {"shoulder": 0.4, "hip": 1.5}
+VIEW, FACE = 1.45, 0.30  # statures from which a camera sees all of a person, and the face
 LEAST_MOVE = 5e-5  # metres: displacers leave out what moves less
 
 
@@ -143,10 +144,29 @@ def figure(
         loa=loa,
         info=info,
         skeleton=[joints["humanoid_root"]],
+        viewpoints=_views(where),
         skin=assembly.shapes,
         skin_coord=where,
         made_from=sliders,
     )
+
+
+def _views(where: Floats) -> list[Site]:
+    """Cameras that go where the person goes: the whole of it from the front and from its left side, and the face."""
+    body = where[: source.BODY]
+    low, high = body.min(axis=0), body.max(axis=0)
+    middle, brow = (low + high) / 2, feature_places(where)["sellion"]
+    back, near = VIEW * (high[1] - low[1]), FACE * (high[1] - low[1])
+    out = []
+    for name, place, turn in (
+        ("front", [0.0, middle[1], high[2] + back], 0.0),
+        ("side", [high[0] + back, middle[1], middle[2]], np.pi / 2),
+        ("face", [brow[0], brow[1] - 0.1 * near, brow[2] + near], 0.0),
+    ):
+        seen = Viewpoint(f"{name} of the person", position=np.zeros(3))
+        rotation = np.array([0.0, 1.0, 0.0, turn])
+        out.append(Site(f"{name}_view", translation=np.array(place), rotation=rotation, viewpoints=[seen]))
+    return out
 
 
 def stature_scale(where: Floats, stature: float | None) -> float:

@@ -1,7 +1,8 @@
 """Drawing a template onto a scan: which point of the scan each point of the surface means, and free offsets.
 
 Correspondences are closest points on the scan's triangles, without those that are far, face another way, lie on the
-border of a hole, or are among the worst twentieth. Offsets follow them as smoothly as a Laplacian wants.
+border of a hole, or, in the first rounds, are among the worst twentieth. Offsets follow them as smoothly as a Laplacian
+wants.
 Sources: note body.md, section 3; B. Allen, B. Curless, Z. Popovic, "The space of human body shapes" (2003).
 """
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 WORST = 0.05
+FADE = 4  # edges over which a step fades that would fold triangles
 Flags = NDArray[np.bool_]
 
 
@@ -182,17 +184,20 @@ def folds(before: Floats, after: Floats, triangles: Ints) -> Flags:
 
 def unfolded(before: Floats, step: Floats, triangles: Ints, smooth: Any, rounds: int = 6) -> tuple[Floats, int]:
     """Positions (n,3) after a step (n,3) that is halved where it would fold triangles, and at last not taken there; and how
-    many folds are left."""
+    many folds are left. Round such places the step fades: where it ended sharply, triangles would fold at its end."""
     share = np.ones(len(before))
-    near = abs(smooth) > 0
+    near = (abs(smooth) > 0).astype(np.float64)
+    count = np.maximum(np.asarray(near.sum(axis=1)).ravel(), 1)
     after = before + step
-    for k in range(2 * rounds):
+    for k in range(4 * rounds):
         bad = folds(before, after, triangles)
         if not bad.any():
             return after, 0
-        some = np.zeros(len(before), bool)
-        some[triangles[bad]] = True
-        some |= (near @ some) > 0
-        share[some] *= 0.5 if k < rounds else 0.0
-        after = before + share[:, None] * step
+        some = np.zeros(len(before))
+        some[triangles[bad]] = 1
+        share[(near @ some) > 0] *= 0.5 if k < rounds else 0.0
+        soft = share
+        for _ in range(FADE):
+            soft = np.minimum(share, (near @ soft) / count)
+        after = before + soft[:, None] * step
     return after, int(folds(before, after, triangles).sum())

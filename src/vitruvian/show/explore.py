@@ -125,7 +125,7 @@ def cameras(body: Body, humanoid: Humanoid | None) -> list[dict[str, Any]]:
             inner, fov = found
             frame = _rigid(frame @ inner)
             eye = frame[:3, 3]
-        aimed = found is not None or abs(float(site.rotation[3])) > 1e-6
+        aimed = found is not None or bool(site.viewpoints) or abs(float(site.rotation[3])) > 1e-6
         look = -_rigid(frame)[:3, 2] if aimed else _ahead(eye, points)
         if np.isfinite([*eye, *look]).all() and np.abs(eye).max() < 1e6 and np.linalg.norm(look) > 0.5:
             at = {"eye": [float(x) for x in eye], "look": [float(x) for x in look]}

@@ -189,7 +189,8 @@ class Figure:
         return np.stack([np.interp(times, fine, smooth[:, i]) for i in range(3)], -1)
 
     def places(self, surface: Surface, time: float) -> dict[str, Array]:
-        """What the views "face" and "hands" look at, points (n,3), and the frames (4,4) of the Sites named `_view`."""
+        """What the views "face" and "hands" look at, points (n,3), and the frames (4,4) of the Sites named `_view`
+        and of the Humanoid's viewpoints."""
         out: dict[str, Array] = {}
         s = self.skeleton
         if s is None or self.body is None:
@@ -208,6 +209,25 @@ class Figure:
                 frame[:3, :3], frame[:3, 3] = turned.get(name, np.eye(3)), point
                 frame = self.placement @ matrices[joint] @ frame
                 out[name] = frame if name in turned else looking(frame, surface.vertices)
+        if self.humanoid is not None and self.humanoid.viewpoints:
+            out |= self._viewpoints()
+        return out
+
+    def _viewpoints(self) -> dict[str, Array]:
+        """Frames (4,4) of the Humanoid's own viewpoints, which stay where it was put down."""
+        from vitruvian.show.explore import cameras
+
+        assert self.body is not None
+        out = {}
+        for camera in cameras(self.body, self.humanoid):
+            if camera["joint"] < 0:
+                frame = np.eye(4)
+                back = -np.array(camera["look"])
+                side = np.cross([0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, 1.0], back)
+                side /= np.linalg.norm(side)
+                frame[:3, :3] = np.stack([side, np.cross(back, side), back], axis=1)
+                frame[:3, 3] = camera["eye"]
+                out[str(camera["name"])] = self.placement @ frame
         return out
 
     def _turned_sites(self) -> dict[str, Array]:

@@ -116,10 +116,12 @@ export class Figure {
 
   /** Draw, from the next frame on, one point for each cell of `cell` metres; 0: all of them. */
   detail(cell) {
+    const before = this.coarse;
     if (!cell || !this.isBody) { this.coarse = null; return; }
     const step = 2 ** (Math.floor(4 * Math.log2(cell)) / 4); // few different ones, so that each is made once
     if (!this.levels.has(step)) this.levels.set(step, this.simplify(step));
     this.coarse = this.levels.get(step);
+    if (this.coarse && this.coarse !== before && this.look) this.mesh.material = this.dress(this.coarse.geometry, this.coarse.source, ...this.look);
   }
 
   simplify(cell) {
@@ -160,7 +162,7 @@ export class Figure {
       this.displacerWeights.set(blocks.displacers?.array ?? []);
       if (blocks.markers) this.marks.now = blocks.markers.array;
     }
-    this.served = blocks?.vertices && !this.reweighted ? blocks : null;
+    this.served = blocks?.vertices && !this.reweighted && !this.sparse ? blocks : null;
     this.refresh();
   }
 
@@ -184,6 +186,9 @@ export class Figure {
     this.mesh.geometry = this.geometry;
     this.upload();
   }
+
+  /** Less than all of it was asked for, and the page can deform that much itself: the server's surface comes whole. */
+  get sparse() { return this.coarse && this.byHand && able(this.deformer, this.skin); }
 
   kernel() { return able(this.deformer, this.skin) ? this.deformer : "log"; }
 
@@ -209,7 +214,8 @@ export class Figure {
 
   /** skin, weights (of joint `j`), segments or stripes. */
   paint(mode, j = 0) {
-    this.mesh.material = this.dress(this.geometry, this.source, mode, j);
+    this.look = [mode, j];
+    for (const { geometry, source } of this.coarse ? [this, this.coarse] : [this]) this.mesh.material = this.dress(geometry, source, mode, j);
   }
 
   /** Give a geometry that draws the skin vertices `source` the colours of a mode; returns the material that goes with them. */
@@ -236,7 +242,7 @@ export class Figure {
 
   /** Draw with this figure's own surface again, after columns were drawn with theirs. */
   undress() {
-    this.edges?.geometry.setAttribute("position", this.geometry.attributes.position);
+    this.edges?.geometry.setAttribute("position", (this.edges.userData.of ?? this.geometry).attributes.position);
     if (this.edges) this.edges.visible = this.edges.userData.on;
   }
 
@@ -256,20 +262,20 @@ export class Figure {
     return out;
   }
 
+  /** The edges of what is drawn. */
   wireframe(on) {
+    const { geometry, triangles, source } = this.coarse ?? this;
     if (on && !this.edges) {
-      const lines = new THREE.BufferGeometry(), seen = new Set(), index = [], t = this.triangles, N = this.source.length;
-      for (let k = 0; k < t.length; k += 3) for (const [a, b] of [[t[k], t[k + 1]], [t[k + 1], t[k + 2]], [t[k + 2], t[k]]]) {
-        const id = Math.min(a, b) * N + Math.max(a, b);
-        if (!seen.has(id)) { seen.add(id); index.push(a, b); }
-      }
-      lines.setAttribute("position", this.geometry.attributes.position);
-      lines.setIndex(index);
       const look = new THREE.LineBasicMaterial({ color: "#0d3b4a", transparent: true, opacity: 0.35, toneMapped: false });
-      this.edges = new THREE.LineSegments(lines, look);
+      this.edges = new THREE.LineSegments(new THREE.BufferGeometry(), look);
       this.edges.frustumCulled = false;
       this.space.add(this.edges);
       for (const look of [...this.looks, (this.flat ??= flat())]) Object.assign(look, { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1, needsUpdate: true });
+    }
+    if (on && this.edges.userData.of !== geometry) {
+      this.edges.geometry.dispose();
+      this.edges.geometry = outline(triangles, source.length, geometry);
+      this.edges.userData.of = geometry;
     }
     if (this.edges) this.edges.userData.on = this.edges.visible = on;
   }
@@ -368,6 +374,17 @@ function identity(J) {
   const out = new Float32Array(12 * J);
   for (let m = 0; m < out.length; m += 12) out[m] = out[m + 5] = out[m + 10] = 1;
   return out;
+}
+
+/** Lines along the edges of triangles (T*3), each once, on the positions of a geometry of N points. */
+function outline(triangles, N, geometry) {
+  const lines = new THREE.BufferGeometry(), seen = new Set(), index = [], t = triangles;
+  for (let k = 0; k < t.length; k += 3) for (const [a, b] of [[t[k], t[k + 1]], [t[k + 1], t[k + 2]], [t[k + 2], t[k]]]) {
+    const id = Math.min(a, b) * N + Math.max(a, b);
+    if (!seen.has(id)) { seen.add(id); index.push(a, b); }
+  }
+  lines.setAttribute("position", geometry.attributes.position);
+  return lines.setIndex(index);
 }
 
 /** Rows of 3x4 matrices: A B. */

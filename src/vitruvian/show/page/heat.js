@@ -6,6 +6,7 @@ import { el } from "./controls.js";
 import { flat } from "./looks.js";
 
 const $ = (id) => document.getElementById(id);
+const WORST = 4; // findings that are shown at once
 const SHOWN = ["map", "other", "both"];
 
 /** Where a value is on a colour bar, 0 to 1. The bar begins at -reach, or at 0 where that is what is told. */
@@ -52,9 +53,17 @@ export class HeatMap {
     $("heat-range").value = String(10 * Math.log2(heat.reach));
     this.ends();
     this.numbers();
+    $("heat-hole").textContent = heat.layers ? "no cloth" : "no answer: a hole, or left out";
     $("heat-map").parentElement.hidden = Boolean(heat.layers);
-    $("heat-findings").replaceChildren(...(heat.findings ?? []).map((text) => el("p", "", text)));
+    this.words(heat.findings ?? []);
     if (!this.opened) { this.opened = true; page.setMode("heat"); }
+  }
+
+  /** Where clothes are too tight: the worst places, and the others on request. */
+  words(lines) {
+    const said = (some) => some.map((text) => el("p", "", text)), more = el("details"), head = el("summary", "", `${lines.length - WORST} more`);
+    more.append(head, ...said(lines.slice(WORST)));
+    $("heat-findings").replaceChildren(...said(lines.slice(0, WORST)), ...(lines.length > WORST ? [more] : []));
   }
 
   /** Buttons for each of several things that a surface may be coloured by. */
@@ -105,7 +114,7 @@ export class HeatMap {
   ends() {
     const { heat } = this.figure, { reach, ramp, mm } = heat;
     $("heat-ramp").style.background = `linear-gradient(to right, ${ramp.filter((_, i) => i % 4 === 0).map(css).join(", ")})`;
-    $("heat-ticks").replaceChildren(...(heat.low === 0 ? [0, 0.25, 0.5, 0.75, 1] : [-1, -0.5, 0, 0.5, 1]).map((t) => el("span", "", t ? `${t > 0 ? "+" : "\u2212"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
+    $("heat-ticks").replaceChildren(...(heat.low === 0 ? [0, 0.25, 0.5, 0.75, 1] : [-1, -0.5, 0, 0.5, 1]).map((t) => el("span", "", t ? `${t < 0 ? "\u2212" : heat.low === 0 ? "" : "+"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
     $("heat-range").setAttribute("aria-valuetext", `${reach} ${this.unit}`);
     const bins = new Float64Array(48), area = areas(this.figure);
     mm.forEach((d, v) => { if (Number.isFinite(d)) bins[Math.min(47, Math.floor(48 * along(heat, d)))] += area[v]; });

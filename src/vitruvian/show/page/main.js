@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { RAMP, css } from "./colors.js";
 import { Compare, WORDS } from "./compare.js";
 import { Figure } from "./figure.js";
+import { Fineness } from "./fineness.js";
 import { HeatMap } from "./heat.js";
 import { heaviest, root } from "./level.js";
 import { History, center, localRotation, toQuaternion } from "./pose.js";
@@ -50,7 +51,7 @@ class Page {
     this.tuning = new Tuning(this); this.handles = new Handles(this); this.marks = new Marks(this);
     this.picking = new Picking(this);
     this.painting = new Painting(this);
-    this.heat = new HeatMap(this);
+    this.heat = new HeatMap(this); this.fineness = new Fineness(this);
     this.compare = new Compare($("compare-view"), this);
     new ResizeObserver(() => this.compare.on && this.compare.place()).observe($("compare-view"));
     studio.canvas.classList.add("empty");
@@ -71,7 +72,7 @@ class Page {
       actors: read(() => [...page.figures.values()].map((f) => ({
         name: f.name, joints: f.joints.length, vertices: f.source.length, triangles: f.triangles.length / 3, deformer: f.deformer,
       }))),
-      drawn: read(() => [...page.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0)),
+      drawn: read(() => page.triangles()),
       hands: read(() => page.tuning.told),
       landmarks: read(() => page.picking.told), handles: read(() => page.handles.told), marks: read(() => page.marks.told),
       heat: read(() => page.heat.told), pictures: read(() => pictures.told),
@@ -159,7 +160,7 @@ class Page {
         if (figure === this.figure) { $("deformer").value = told; this.tuning.update(true); }
       }
       const plain = this.mode === "skin" || (this.mode === "stripes" && this.compare.on);
-      figure.detail(header.playing && plain && !pressed("wire") ? this.studio.grain() : 0);
+      figure.detail(this.fineness.cell(figure, header.playing && plain && !pressed("wire") ? this.studio.grain() : 0));
       figure.update(told === figure.deformer ? blocks[figure.name] : without(blocks[figure.name]));
       if (figure.isBody) {
         const t = figure.travel ?? [0, 0, 0];
@@ -171,6 +172,9 @@ class Page {
   }
 
   state(text) { $("notice").textContent = text; }
+
+  /** Triangles that are being drawn. */
+  triangles() { return [...this.figures.values()].reduce((n, f) => n + f.mesh.geometry.index.count / 3, 0); }
 
   arrive() {
     this.arrived = true;
@@ -348,6 +352,7 @@ class Page {
     else this.compare.open(names);
     $("compare").setAttribute("aria-pressed", String(this.compare.on));
     if (!this.compare.on && this.figure) this.figure.undress();
+    this.fineness.apply();
     this.refresh(this.figure);
   }
 
@@ -419,7 +424,8 @@ class Page {
       line.style.setProperty("--fill", `${(100 * line.value) / (line.max || 1)}%`);
     };
     line.onchange = () => { this.scrubbing = false; };
-    for (const id of ["bones", "wire", "sites"]) toggle(id, () => this.looks());
+    for (const id of ["bones", "sites"]) toggle(id, () => this.looks());
+    toggle("wire", () => this.fineness.apply());
     for (const id of MODES) click(id, () => this.setMode(id));
     for (const view of ["front", "side", "back", "face"]) click(`view-${view}`, () => studio.fly(view));
     toggle("follow", (on) => { studio.follow = on; });
@@ -450,7 +456,7 @@ class Page {
       1: press("view-front"), 2: press("view-side"), 3: press("view-back"), 4: press("view-face"), S: press("export"), E: press("export-pose"),
       T: press("theme"), "?": press("help"), J: panel("joints-panel"), F: panel("shapes-panel"), I: panel("findings-panel"), 0: press("reset-pose"),
       N: panel("sites-panel"), A: () => explorer.nextLevel(), G: press("fly"), R: press("arcs"), U: press("ignore-limits"), V: () => explorer.nextCamera(),
-      Q: press("compare"), "*": press("heat"), ":": () => this.heat.next(), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), 9: press("save-hands"), Backspace: press("unselect"),
+      Q: press("compare"), "*": press("heat"), $: press("fineness"), ":": () => this.heat.next(), Z: press("stripes"), X: press("reset-shapes"), H: panel("hands-panel"), O: press("hands-second"), Y: press("look-hand"), 8: press("reset-hands"), 9: press("save-hands"), Backspace: press("unselect"),
       "/": seek("joints-panel", "joint-filter"), ",": seek("sites-panel", "site-filter"), ".": seek("shapes-panel", "shape-filter"),
       "Ctrl+Z": press("undo"), "Ctrl+Shift+Z": press("redo"), "Ctrl+Y": press("redo"),
       Escape: () => { closePanels(); if (pressed("help")) $("help").click(); },
