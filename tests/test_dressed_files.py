@@ -19,7 +19,7 @@ from vitruvian.cli import app
 from vitruvian.cloth.fit_map import fit_map
 from vitruvian.cloth.garment import charted
 from vitruvian.cloth.obstacle import still
-from vitruvian.cloth.resizing import graded, moved, standing
+from vitruvian.cloth.resizing import graded, moved, refitted, standing
 from vitruvian.cloth.tailor import tailor
 from vitruvian.errors import FileError, VitruvianError
 from vitruvian.formats.garment_file import Kept, read_garment, write_garment
@@ -120,6 +120,14 @@ def test_a_garment_file_is_the_same_garment(person, made, tmp_path):
     assert np.array_equal(read_garment(path).garment.sheet.material, larger.sheet.material)
     with pytest.raises(VitruvianError, match="garment.npz"):
         write_garment(kept, tmp_path / "skirt.npz")
+    with pytest.raises(VitruvianError, match="keep each in a file of its own"):
+        write_garment(replace(kept, garment=replace(made, below=(made,))), path)
+
+
+def test_what_is_worn_below_follows_too(person, made):
+    body = vt.pack(person)
+    both = refitted(replace(made, below=(made,)), body, body)
+    assert np.array_equal(both.below[0].vertices, made.vertices) and np.array_equal(both.vertices, made.vertices)
 
 
 def spoiled(path: Path, name: str, value: object) -> None:

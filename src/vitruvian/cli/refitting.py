@@ -57,13 +57,15 @@ def _told(found: FitMap) -> list[str]:
 
 
 def kept(made: Garment, body: Humanoid, out: Path) -> None:
-    """Write a garment with the skin that it hangs on, to be put on another body later."""
+    """Write a garment with the skin that it hangs on, to be put on another body later; not what is worn below it."""
+    from dataclasses import replace
+
     from vitruvian.body.pack import pack
     from vitruvian.cloth.resizing import standing
     from vitruvian.formats.garment_file import Kept, write_garment
 
     there = standing(made, pack(body))
-    write_garment(Kept(made, there.vertices, there.body.skin.triangles), out)
+    write_garment(Kept(replace(made, below=()), there.vertices, there.body.skin.triangles), out)
 
 
 def fit(made: Garment, body: Humanoid, out: Path) -> FitMap:
