@@ -119,9 +119,11 @@ def dress(
     from vitruvian.body.pack import pack
     from vitruvian.cli.refitting import written
     from vitruvian.cloth.tailor import tailor
+    from vitruvian.formats.fabrics import fabric_from
 
     body = _bare(source, repair)
     packed = pack(body)
+    cloths = [fabric_from(name) for name in fabric]
     patterns = [_sewable(path, body, sidecar) for path in garments]
     lowered = _lowered(patterns) if arms is None else radians(arms)
     patterns = [placed_on(pattern, body, arms=lowered) for pattern in patterns]
@@ -130,7 +132,7 @@ def dress(
     with progress("dressing") as bar:
         for k, pattern in enumerate(patterns):
             made = tailor(
-                pattern, packed, fabric=fabric[min(k, len(fabric) - 1)], size=size / 1000, arms=lowered, over=over,
+                pattern, packed, fabric=cloths[min(k, len(cloths) - 1)], size=size / 1000, arms=lowered, over=over,
                 progress=partial(_told, bar, k, len(patterns)),
             )  # fmt: skip
             over = [*made.below, made]

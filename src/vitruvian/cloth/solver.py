@@ -16,6 +16,7 @@ from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.cloth.constraints import LEAST, Groups, grouped, hinges, membranes, stiffened, yielding
 from vitruvian.cloth.obstacle import Obstacle
 from vitruvian.cloth.sheet import Sheet
+from vitruvian.errors import VitruvianError
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
@@ -28,6 +29,7 @@ HURRY, SUDDEN = 1.5, 4.9  # what is near may be so much faster in the coming fra
 BENDS, SLOW = (4, 2), 8.0  # hinges are worked off in one of so many steps, if they are so many times softer than a step
 CARRY = 0.5  # of the multipliers that the next substep begins with; with more, what one pass leaves to the next rings
 GIVE = 0.009  # share by which a cloth that hangs may be longer than its fabric makes it
+FARTHEST = 1e4  # metres: of cloth, not of a solution that has burst
 NONE: Ints = np.zeros((0, 2), np.int32)
 
 
@@ -190,6 +192,11 @@ def step(
         *body, *limits, nearest, _friction(cloth, "friction_body"),
         *touch,
     )  # fmt: skip
+    if not (np.abs(x[:n, :3]) < FARTHEST).all():  # nor is it a number
+        raise VitruvianError(
+            f"cloth: it burst in frame {state.frame} of {dt / substeps:.2g} s a step; take more substeps, or a softer or "
+            "heavier fabric"
+        )
     near, side = known
     seen = nearest if obstacle is not None else state.nearest
     return State(x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch))

@@ -15,6 +15,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.cloth.doctor import RULES, examined
@@ -25,7 +26,7 @@ from vitruvian.cloth.pattern import Pattern
 from vitruvian.cloth.placing import Dummy, dummy
 from vitruvian.cloth.proposals import proposals
 from vitruvian.cloth.sheet import strains
-from vitruvian.cloth.tailor import tailor
+from vitruvian.cloth.tailor import COARSE, tailor
 from vitruvian.cloth.tessellate import tessellate
 from vitruvian.cloth.wrapping import stand, wrapped
 from vitruvian.errors import VitruvianError
@@ -250,8 +251,11 @@ class _Drape:
     def _run(self) -> None:
         self._tell("drape", {"state": "falling"})
         try:
-            mesh = tessellate(self.pattern, self.size)
-            self.panel = mesh.panel[mesh.triangles[:, 0]].astype(np.uint16)  # of each triangle, welded or not
+            # of each triangle, welded or not, by how many there are: fine cloth begins as coarse cloth
+            meshes = [
+                tessellate(self.pattern, s) for s in {self.size, 2 * self.size if self.size <= COARSE else self.size}
+            ]
+            self.panels = {len(m.triangles): m.panel[m.triangles[:, 0]].astype(np.uint16) for m in meshes}
             made = tailor(
                 self.pattern, self.desk.body, fabric=self.fabric, size=self.size, progress=self._hear, watch=self._see
             )
@@ -269,7 +273,7 @@ class _Drape:
             raise Stopped
         self.what, self.share = what, share
 
-    def _see(self, positions: Floats, triangles: Ints) -> None:
+    def _see(self, positions: NDArray[np.floating], triangles: Ints) -> None:
         if self.stopping.is_set():
             raise Stopped
         if time.monotonic() - self.looked > LOOK:
@@ -280,10 +284,14 @@ class _Drape:
         state = {"seq": self.seq, "what": self.what, "share": self.share}
         self.desk.tell(kind, encode(kind, state | fields, blocks or []))
 
-    def _surface(self, positions: Floats, triangles: Ints) -> list[Block]:
+    def _surface(self, positions: NDArray[np.floating], triangles: Ints) -> list[Block]:
         q, scale, origin = quantise(positions)
         flat = triangles.astype(np.uint32)
-        return [Block("vertices", q, "", scale, origin), Block("triangles", flat), Block("panel", self.panel)]
+        return [
+            Block("vertices", q, "", scale, origin),
+            Block("triangles", flat),
+            Block("panel", self.panels[len(flat)]),
+        ]
 
     def _worn(self, made: Garment) -> list[Block]:
         """The garment as it hangs, and how much it is stretched at each vertex."""
