@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Ints
+from vitruvian.body.types import Body, Ints
 from vitruvian.cloth.doctor import RULES, examined
 from vitruvian.cloth.drafting.figure import figure
 from vitruvian.cloth.fabric import FABRICS
