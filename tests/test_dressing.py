@@ -116,7 +116,7 @@ def test_it_is_the_same_a_second_time(body, made):
 
 
 def test_a_garment_over_another_does_not_cut_it(body, made):
-    over = tailor(skirt(waist=0.94, hem=1.5, long=0.5), body, size=0.025, over=(made,))
+    over = tailor(skirt(waist=0.88, hem=1.5, long=0.5), body, size=0.025, over=(made,))
     r = over.report
     assert r["self_intersections"] == 0 and r["penetrating_vertices"] == 0 and r["boundary_loops"] == 2
     (inner,) = over.below
@@ -124,7 +124,7 @@ def test_a_garment_over_another_does_not_cut_it(body, made):
     faces = np.concatenate([inner.triangles, over.triangles + len(inner.vertices)])
     assert inner.report["self_intersections"] == inner.report["penetrating_vertices"] == 0
     assert len(intersections(both, faces)) == 0
-    assert not len(intersections(over.vertices, over.triangles)) and r["settled"]
+    assert r["settled"] and 0.8 < over.vertices[:, 1].max() < 1.1  # it has not slid down
     with pytest.raises(VitruvianError, match="worn in another pose"):
         tailor(skirt(), body, size=0.025, arms=0.5, over=(made,))
 

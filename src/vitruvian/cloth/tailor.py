@@ -36,6 +36,7 @@ CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
 HELD = 0.5  # of what a waist has slipped while it is sewn is put right each frame
 TIGHT, LOOSE = 0.008, 0.05  # metres from the skin: what lies on it, and what hangs about it
 LONGEST = 10.0  # seconds of draping
+DAMPING, PATIENCE = 2.0, 3.0  # 1/s, and seconds after which it doubles with every second
 STILL, CALM = 2e-3, 30  # m/s from frame to frame (root mean square of all vertices, mean of so many frames): at rest
 Progress = Callable[[str, float], None]
 Watch = Callable[[NDArray[np.floating], Ints], None]
@@ -273,7 +274,10 @@ def _draped(
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         before = state.x
-        state = step(cloth, state, gravity=gravity, damping=2.0, obstacle=room.obstacle, substeps=substeps)
+        damping = DAMPING * 2 ** max(
+            0.0, (k + 1) * FRAME - PATIENCE
+        )  # what trembles on is calmed; where it rests is the same
+        state = step(cloth, state, gravity=gravity, damping=damping, obstacle=room.obstacle, substeps=substeps)
         # how far it comes in a frame: what trembles within its steps does not move
         speeds.append(float(np.sqrt(np.mean(np.sum((state.x - before).astype(np.float64) ** 2, axis=1)))) / FRAME)
         if room.progress:
