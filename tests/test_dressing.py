@@ -70,6 +70,11 @@ def test_the_dummy_lifts_its_arms(body):
         dummy(bare)
 
 
+def test_a_dressed_body_is_not_dressed_over():
+    with pytest.raises(VitruvianError, match="clothes need a bare body in one piece: the largest piece"):
+        dummy(vt.pack(vt.person()))
+
+
 def test_panels_are_moved_until_they_are_clear(body):
     place = lambda *at: Pattern("p", (Panel("front", SQUARE.vertices, SQUARE.edges, "", np.eye(3), at),))  # noqa: E731
     inside, mannequin = place(-0.15, 0.9, 0.0), dummy(body)

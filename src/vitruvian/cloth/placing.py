@@ -23,6 +23,7 @@ LEGS = np.radians(4.0)
 CLEARANCE = 0.01  # metres between a panel and the skin
 WAIST, SHOULDERS = "lower_interface", ("collar", "armhole", "strapless_top")  # labels of edges
 BAND, THICK = 0.06, 0.003  # metres: what of a waist has to fit, and what it stands off the skin
+BARE = 0.8  # of a body's height that its skin is high in one piece
 FARTHEST = 0.5  # metres that a panel may have to be moved to clear the body
 RISES = np.arange(0, 0.125, 0.01)  # metres by which a pattern may be raised
 DEAR = 1.0  # what a metre of that costs, in metres that seams are deep in the body
@@ -79,7 +80,14 @@ def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
 def posed(body: Body, matrices: Floats) -> Dummy:
     """A body under matrices (J,4,4) of its joints."""
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
-    return Dummy(body, matrices, vertices, _largest(body.skin.triangles, len(vertices)))
+    triangles = _largest(body.skin.triangles, len(vertices))
+    tall, whole = (float(np.ptp(vertices[t, 1])) for t in (triangles, body.skin.triangles))
+    if tall < BARE * whole:
+        raise VitruvianError(
+            f"clothes need a bare body in one piece: the largest piece of this one is {tall:.2f} m of its {whole:.2f} m tall; "
+            "is it dressed already, as the built-in person is without outfit=None, or in segments?"
+        )
+    return Dummy(body, matrices, vertices, triangles)
 
 
 def _largest(triangles: Ints, count: int) -> Ints:
