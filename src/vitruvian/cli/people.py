@@ -33,7 +33,9 @@ def person(
     measure: list[str] = typer.Option([], "--measure", metavar="NAME=CM", help="A measure in cm; may be repeated."),
     loa: int = typer.Option(4, min=0, max=4, help="Level of articulation."),
     hair: str | None = typer.Option(None, help="short, bob, bun or none (default: by gender)."),
-    outfit: str | None = typer.Option(None, help='"t-shirt and shorts", "t-shirt and trousers" or "body suit".'),
+    outfit: str | None = typer.Option(
+        None, help='"t-shirt and shorts", "t-shirt and trousers", "body suit", or none, to dress them in other clothes.'
+    ),
     tone: str | None = typer.Option(None, help="Skin tone: fair, light, medium, tan, brown, dark, ... or 0 to 1."),
     as_json: bool = Json,
 ) -> None:
@@ -49,6 +51,8 @@ def person(
         raise VitruvianError(f"--gender: expected female, male or a number in 0..1, found {gender}") from None
     wanted = {"hair": hair, "outfit": outfit, "skin_tone": _number_or_name(tone)}
     look: dict[str, Any] = {k: v for k, v in wanted.items() if v is not None}
+    if outfit == "none":
+        look["outfit"] = None
     humanoid = make(
         gender=sex,
         age=age,

@@ -85,7 +85,7 @@ def posed(body: Body, matrices: Floats) -> Dummy:
     if tall < BARE * whole:
         raise VitruvianError(
             f"clothes need a bare body in one piece: the largest piece of this one is {tall:.2f} m of its {whole:.2f} m tall; "
-            "is it dressed already, as the built-in person is without outfit=None, or in segments?"
+            "is it dressed already (`vitruvian person --outfit none` makes one that is not), or in segments?"
         )
     return Dummy(body, matrices, vertices, triangles)
 
