@@ -84,8 +84,8 @@ def posed(body: Body, matrices: Floats) -> Dummy:
     tall, whole = (float(np.ptp(vertices[t, 1])) for t in (triangles, body.skin.triangles))
     if tall < BARE * whole:
         raise VitruvianError(
-            f"clothes need a bare body in one piece: the largest piece of this one is {tall:.2f} m of its {whole:.2f} m tall; "
-            "is it dressed already (`vitruvian person --outfit none` makes one that is not), or in segments?"
+            f"clothes need a bare body in one piece: the largest piece of this one is {tall:.2f} m of its {whole:.2f} m "
+            "tall; is it dressed already (`vitruvian person --outfit none` makes one that is not), or in segments?"
         )
     return Dummy(body, matrices, vertices, triangles)
 
