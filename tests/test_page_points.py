@@ -215,6 +215,7 @@ def test_a_dab_does_what_paint_does(browser, tmp_path):
             was, (x, y) = (x, y), page.evaluate("vitruvian.screen('l_shoulder')")
             if np.hypot(x - was[0], y - was[1]) < 0.01:
                 break
+        x, y = round(x), round(y)  # clicks are told in whole pixels
         radius = page.evaluate("vitruvian.painting.radius")
         for mode in MODES:
             page.get_by_test_id("brush-mode").select_option(mode)
