@@ -6,7 +6,7 @@ the same input gives the same bits, as one thread does the work.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -278,8 +278,3 @@ def _touching(
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = _friction(cloth, "friction_self")[index[:, 0]]
     return (index, side, gap, friction, len(side)), (key, kept)
-
-
-def without_touching(cloth: Cloth) -> Cloth:
-    """The same cloth, whose parts pass through each other."""
-    return replace(cloth, gap=0.0)

@@ -88,7 +88,7 @@ def tailor(
     smooth = tuple(replace(f, friction_body=0.0, friction_self=0.0) for f in cloths)  # silk: it finds its place
     weld = welded(mesh)
     positions, below, apart = _sewn(
-        room, below, sewn(mesh, None, smooth), mesh, flat, max(thick, 2e-3), waist(pattern, mesh)
+        room, below, sewn(mesh, None, smooth), mesh, weld, flat, max(thick, 2e-3), waist(pattern, mesh)
     )
     open_seams = sorted({int(s) for s in mesh.seam[apart > CLOSED]})
     clock("sew")
@@ -200,13 +200,20 @@ def _fabric(name: str, usual: str | Fabric) -> Fabric:
 
 
 def _sewn(
-    room: _Room, below: tuple[Garment, ...], sheet: Sheet, mesh: PanelMesh, flat: Floats, gap: float, held: Ints
+    room: _Room,
+    below: tuple[Garment, ...],
+    sheet: Sheet,
+    mesh: PanelMesh,
+    weld: Ints,
+    flat: Floats,
+    gap: float,
+    held: Ints,
 ) -> tuple[Floats, tuple[Garment, ...], Floats]:
     """The panels drawn together along their seams, without gravity: (n,3) metres, what is below them, and how far apart
     each pair is left."""
     count = len(flat)
     whole, points = _with(sheet, flat, below)
-    same = np.concatenate([welded(mesh), np.arange(count, len(points))])
+    same = np.concatenate([weld, np.arange(count, len(points))])
     cloth = assemble(whole, gap=gap, same=same)
     a, b = mesh.pairs.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
