@@ -174,20 +174,31 @@ def pixels(page, clip=None):
     return np.asarray(Image.open(BytesIO(page.screenshot(clip=clip))).convert("RGB")).astype(int)
 
 
+def settled(page):
+    """The page's pixels once they stand still: a busy machine draws late."""
+    now = pixels(page)
+    for _ in range(20):
+        page.wait_for_timeout(250)
+        last, now = now, pixels(page)
+        if np.array_equal(now, last):
+            break
+    return now
+
+
 def test_something_is_drawn_and_every_view_differs(browser, tmp_path):
     record(capsule_clip(vertices=1500), tmp_path / "clip.html", findings=FINDINGS)
-    with opened(browser, (tmp_path / "clip.html").as_uri(), color_scheme="dark") as page:
+    with opened(browser, (tmp_path / "clip.html").as_uri(), (1100, 760), color_scheme="dark") as page:
         pause(page)
         scrub(page, 5)
-        page.wait_for_timeout(800)
-        seen = [pixels(page)]
-        middle = seen[0][60:260, 120:300]
+        seen = [settled(page)]
+        middle = seen[0][200:560, 420:680]
         assert middle.std() > 20 and (middle[..., 0] - middle[..., 2]).max() > 30  # a figure with the colour of skin
         for key in ("2", "3", "4", "1", "b", "w", "m", "t", "p"):
             page.keyboard.press(key)
             page.wait_for_timeout(900 if key in "1234" else 250)
-            seen.append(pixels(page))
-            assert np.abs(seen[-1] - seen[-2]).mean() > (0.005 if key == "p" else 0.05), key  # two pins are small
+            seen.append(settled(page))
+            others = (np.abs(seen[-1] - seen[-2]).sum(axis=2) > 20).sum()
+            assert others > (40 if key == "p" else 500), key  # two pins are small
         assert page.get_by_test_id("findings").get_attribute("open") is not None  # one of them is an error
         items = page.get_by_test_id("findings").locator("li")
         assert items.count() == 2 and "<b>llimit</b>" in items.first.text_content()  # text, not markup
@@ -208,11 +219,11 @@ def test_the_weight_map_has_the_colours_of_its_bar(browser, tmp_path):
         page.keyboard.press("w")
         page.keyboard.press("Escape")
         page.keyboard.press("1")
-        page.wait_for_timeout(1200)
+        page.wait_for_timeout(900)
+        shown = settled(page)
         assert page.locator("#legend-name").text_content() == "Weight of vt6"
         bar = page.locator("#legend-ramp").bounding_box()
         colours = pixels(page, bar)[3]
-        shown = pixels(page)
         found = []
         for joint in ("l_shoulder", "l_knee", "vt6"):
             x, y = page.evaluate(f"vitruvian.screen('{joint}')")
