@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "cloth.h"
+#include "layers.h"
 
 namespace vt {
 
@@ -149,6 +150,8 @@ struct PoseFrame {
     int solve_pose(const PoseProblem& problem, const PoseFrame& frame, double* room);                                 \
     void cloth_frame(const ClothProgram& program, const ClothFrame& frame, const ClothBody& body,                     \
                      const ClothTouch& touch);                                                                        \
+    void cloth_feet(const ClothFeet& feet, int64_t first, int64_t last);                                              \
+    void cloth_limbs(const ClothLimbs& job);                                                                          \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

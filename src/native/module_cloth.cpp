@@ -105,12 +105,63 @@ nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> 
     return lasting(std::move(out), {count, 2});
 }
 
+// Feet (n,3) of vertices on a surface, point and normal (V,3), their normals (n,3), and the vertices (n,3).
+void cloth_feet(Array<float, 2> point, Array<float, 2> normal, Array<int32_t, 2> corner, Array<float, 2> share,
+                Array<float, 2> offset, Output<float, 2> foot, Output<float, 2> up, Output<float, 2> out) {
+    const size_t n = corner.shape(0);
+    for (const auto& a : {share.shape(0), offset.shape(0), foot.shape(0), up.shape(0), out.shape(0)})
+        check(a == n, "vertices do not fit");
+    check(point.shape(0) == normal.shape(0), "surface does not fit");
+    for (const auto& a : {point.shape(1), normal.shape(1), corner.shape(1), share.shape(1), offset.shape(1),
+                          foot.shape(1), up.shape(1), out.shape(1)})
+        check(a == 3, "vertices do not fit");
+    const vt::ClothFeet feet{point.data(), normal.data(), corner.data(), share.data(),
+                             offset.data(), foot.data(), up.data(), out.data()};
+    nb::gil_scoped_release release;
+#if defined(VT_HAVE_V3)
+    if (newer()) {
+        vt::v3::cloth_feet(feet, 0, int64_t(n));
+        return;
+    }
+#endif
+    vt::base::cloth_feet(feet, 0, int64_t(n));
+}
+
+// One frame of r and v (k,3); see vt::ClothLimbs. numbers: step, damping, friction, smooth, drag, density, gravity, wind.
+void cloth_limbs(Output<float, 2> r, Output<float, 2> v, Array<int32_t, 1> vertex, Array<int32_t, 1> bone,
+                 Array<float, 1> radius, Array<float, 1> room, Array<float, 1> least, Array<int32_t, 1> row,
+                 Array<int32_t, 1> neighbour, Array<float, 2> foot_before, Array<float, 2> foot, Array<float, 2> up,
+                 Array<float, 2> axis, Array<float, 1> numbers) {
+    const size_t k = vertex.shape(0);
+    check(r.shape(0) == k && v.shape(0) == k && r.shape(1) == 3 && v.shape(1) == 3, "vertices do not fit");
+    check(bone.shape(0) == k && radius.shape(0) == k && room.shape(0) == k && least.shape(0) == k &&
+          row.shape(0) == k + 1, "vertices do not fit");
+    check(foot.shape(0) == up.shape(0) && foot.shape(0) == foot_before.shape(0), "feet do not fit");
+    check(numbers.shape(0) == 12, "numbers do not fit");
+    const float* q = numbers.data();
+    std::unique_ptr<float[]> scratch(new float[4 * k + 1]);
+    const vt::ClothLimbs job{int64_t(k), vertex.data(), bone.data(), radius.data(), room.data(), least.data(),
+                             foot_before.data(), foot.data(), up.data(), axis.data(), row.data(), neighbour.data(),
+                             q[0], q[1], q[2], q[3], q[4], q[5], {q[6], q[7], q[8]}, {q[9], q[10], q[11]},
+                             r.data(), v.data(), scratch.get(), scratch.get() + 3 * k};
+    nb::gil_scoped_release release;
+#if defined(VT_HAVE_V3)
+    if (newer()) {
+        vt::v3::cloth_limbs(job);
+        return;
+    }
+#endif
+    vt::base::cloth_limbs(job);
+}
+
 }  // namespace
 
 void bind_cloth(nb::module_& m) {
     m.def("cloth_frame", &cloth_frame);
     m.def("near_cloth", &near_cloth);
     m.def("cloth_cuts", &cloth_cuts);
+    m.def("cloth_feet", &cloth_feet);
+    m.def("cloth_limbs", &cloth_limbs);
 }
 
 }  // namespace vt::face

@@ -145,3 +145,11 @@ def near_cloth(
 
 def cloth_cuts(x: Single, triangles: Ints, edges: Ints, same: Ints) -> Ints:
     """(k,2) edges and triangles without a common vertex that cut each other."""
+
+def cloth_feet(
+    point: Single, normal: Single, corner: Ints, share: Single, offset: Single, foot: Single, up: Single, out: Single
+) -> None:
+    """Feet of cloth on a surface, their normals and the cloth; see `vitruvian.cloth.layers_numpy.cloth_feet`."""
+
+def cloth_limbs(r: Single, v: Single, *arrays: object) -> None:
+    """One frame of cloth about limbs, in place; in the order of `vitruvian.cloth.layers_numpy.cloth_limbs`."""

@@ -31,20 +31,22 @@ class Binding:
         """(n,) metres along the normals."""
         return self.offset[:, 2]
 
-    def at(self, skin: Floats) -> Floats:
-        """(n,3) metres: where the vertices come to be with the skin at (V,3)."""
-        foot, frame = frames(skin, self.triangles, self.face, self.share)
+    def at(self, skin: Floats, normals: Floats | None = None) -> Floats:
+        """(n,3) metres: where the vertices come to be with the skin at (V,3); normals (V,3) as for `bind`."""
+        foot, frame = frames(skin, self.triangles, self.face, self.share, normals)
         return foot + np.einsum("nij,nj->ni", frame, self.offset)
 
 
-def bind(skin: Floats, triangles: Ints, x: Floats, faces: Ints | None = None) -> Binding:
+def bind(
+    skin: Floats, triangles: Ints, x: Floats, faces: Ints | None = None, normals: Floats | None = None
+) -> Binding:
     """Vertices (n,3) of a cloth bound to a skin, vertices (V,3) and triangles (t,3), metres; faces (m,3) of the cloth say
-    which way it faces."""
+    which way it faces. normals (V,3): of the skin; None: weighted by angles."""
     x, skin = floats(x, "positions", None, 3), floats(skin, "skin", None, 3)
     triangles = indices(triangles, "triangles of the skin", len(skin), None, 3)
     require(len(triangles) > 0, "triangles of the skin", "a surface", "none")
     face, share, _ = feet(skin, triangles, x)
-    foot, frame = frames(skin, triangles, face, share)
+    foot, frame = frames(skin, triangles, face, share, normals)
     facing = np.ones(len(x), bool)
     if faces is not None:
         facing = np.einsum("nk,nk->n", pseudo_normals(x, faces), frame[:, :, 2]) > 0
@@ -69,11 +71,14 @@ def feet(skin: Floats, triangles: Ints, x: Floats) -> tuple[Ints, Floats, Floats
     return face, share / share.sum(axis=1, keepdims=True), np.sqrt(np.asarray(squared, np.float64).reshape(-1))
 
 
-def frames(skin: Floats, triangles: Ints, face: Ints, share: Floats) -> tuple[Floats, Floats]:
+def frames(
+    skin: Floats, triangles: Ints, face: Ints, share: Floats, normals: Floats | None = None
+) -> tuple[Floats, Floats]:
     """Feet (n,3) and their frames (n,3,3), columns along the first edge, across it, along the normal."""
     corners = triangles[face]
     foot = np.einsum("nk,nkx->nx", share, skin[corners])
-    normal = np.einsum("nk,nkx->nx", share, pseudo_normals(skin, triangles)[corners])
+    normals = pseudo_normals(skin, triangles) if normals is None else normals
+    normal = np.einsum("nk,nkx->nx", share, normals[corners])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     edge = skin[corners[:, 1]] - skin[corners[:, 0]]
     along = edge - np.sum(edge * normal, axis=1, keepdims=True) * normal

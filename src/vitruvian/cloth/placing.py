@@ -80,7 +80,7 @@ def dummy(body: Body, *, arms: float = ARMS, legs: float = LEGS) -> Dummy:
 def posed(body: Body, matrices: Floats) -> Dummy:
     """A body under matrices (J,4,4) of its joints."""
     vertices = np.asarray(deformer("log", body)(matrices), np.float64)
-    triangles = _largest(body.skin.triangles, len(vertices))
+    triangles = largest(body.skin.triangles, len(vertices))
     tall, whole = (float(np.ptp(vertices[t, 1])) for t in (triangles, body.skin.triangles))
     if tall < BARE * whole:
         raise VitruvianError(
@@ -90,7 +90,7 @@ def posed(body: Body, matrices: Floats) -> Dummy:
     return Dummy(body, matrices, vertices, triangles)
 
 
-def _largest(triangles: Ints, count: int) -> Ints:
+def largest(triangles: Ints, count: int) -> Ints:
     """Those triangles that hang together with most others."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -1,0 +1,29 @@
+// Cloth in layers one and two: what each frame of it takes. See vitruvian.cloth.worn.
+#pragma once
+#include <cstdint>
+
+namespace vt {
+
+// Vertices in the frames of their feet on a surface.
+struct ClothFeet {
+    const float *point, *normal;    // (V, 3)
+    const int32_t* corner;          // (n, 3) of the triangle
+    const float *share, *offset;    // (n, 3)
+    float *foot, *up, *out;         // (n, 3) where the feet are, their normals, where the vertices are
+};
+
+// Vertices that hang about limbs, each in a half-ball about its foot.
+struct ClothLimbs {
+    int64_t count;
+    const int32_t *vertex, *bone;   // (count,) which row of foot and up, which of axis
+    const float *radius, *room, *least;  // (count,) metres: of the limb, to the cloth around it, and at least from the skin
+    const float *foot_before, *foot, *up;  // (n, 3)
+    const float* axis;              // (bones, 3)
+    const int32_t *row, *neighbour; // (count + 1,), (row[count],) those that each folds with
+    float step, damping, friction, smooth, drag, density;
+    float gravity[3], wind[3];
+    float *r, *v;                   // (count, 3) from the foot, and m/s; changed
+    float *next, *reach;            // (count, 3), (count,) scratch
+};
+
+}  // namespace vt

@@ -1,0 +1,93 @@
+"""The kernels of cloth in layers one and two in NumPy: what they mean, and what runs without the extension."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+
+Single = NDArray[np.float32]
+
+
+def cloth_feet(
+    point: Single, normal: Single, corner: Ints, share: Single, offset: Single, foot: Single, up: Single, out: Single
+) -> None:
+    """foot (n,3) and up (n,3), the normal there: of vertices whose feet have shares (n,3) of the corners (n,3) of a
+    surface, point and normal (V,3); out (n,3): the vertices, offset (n,3) from their feet."""
+    p, q, w, o = (a.astype(np.float64) for a in (point, normal, share, offset))
+    s = np.einsum("nk,nkx->nx", w, p[corner])
+    n = _unit(np.einsum("nk,nkx->nx", w, q[corner]))
+    edge = p[corner[:, 1]] - p[corner[:, 0]]
+    t = _unit(edge - _dot(edge, n) * n)
+    foot[:], up[:] = s, n
+    out[:] = s + o[:, :1] * t + o[:, 1:2] * np.cross(n, t) + o[:, 2:] * n
+
+
+def cloth_limbs(
+    r: Single, v: Single, vertex: Ints, bone: Ints, radius: Single, room: Single, least: Single, row: Ints,
+    neighbour: Ints, foot_before: Single, foot: Single, up: Single, axis: Single, numbers: Single,
+) -> None:  # fmt: skip
+    """One frame of r (k,3), from the foot, and v (k,3) m/s, in place: each vertex in a half-ball on the skin.
+
+    numbers: step, damping, friction, smooth, drag, density, gravity (3), wind (3). See `vitruvian.cloth.worn`.
+    """
+    h, damping, friction, smooth, drag, density = (float(q) for q in numbers[:6])
+    g, air = numbers[6:9].astype(np.float64), numbers[9:12].astype(np.float64)
+    s, n, low = (a[vertex].astype(np.float64) for a in (foot, up, foot_before))
+    sdot, was, floor = (s - low) / h, r.astype(np.float64), least.astype(np.float64)[:, None]
+    far = reach(n, axis.astype(np.float64)[bone], g, radius.astype(np.float64), room.astype(np.float64), floor[:, 0])[:, None]
+    speed = sdot + (v - sdot) * np.exp(-damping * h) + h * g
+    if density > 0:
+        meet = _dot(air - speed, n)
+        speed = speed + np.minimum(drag * np.abs(meet) * h / density, 1.0) * meet * n
+    to, touched = _within(was + h * (speed - sdot), n, floor, far)
+    slide = (to - was) / h
+    along = _dot(slide, n) * n
+    slide = np.where(touched, along + (1 - friction) * (slide - along), slide)
+    v[:] = sdot + slide
+    count = np.diff(row)
+    total = np.zeros_like(to)
+    np.add.at(total, np.repeat(np.arange(len(count)), count), to[neighbour])
+    mixed = (1 - smooth) * to + smooth * total / np.maximum(count, 1)[:, None]
+    r[:] = _within(np.where(count[:, None] > 0, mixed, to), n, floor, far)[0]
+
+
+def reach(n: Floats, axis: Floats, gravity: Floats, radius: Floats, room: Floats, least: Floats) -> Floats:
+    """(k,) metres that cloth can be from the skin, where its normal is n (k,3): as a ring that is `room` wider than a limb
+    of that radius (k,) about an axis (k,3), and hangs on it.
+
+    Under a level limb it is twice the room, above it nothing, about an upright limb the room all around.
+    Source: seed 003, section 5.3.2 (a diameter by the place relative to the normal); note cloth.md, section 7.
+    """
+    pull = float(np.linalg.norm(gravity))
+    down = gravity / pull if pull > 1e-9 else np.zeros(3)
+    across = down - _dot(down, axis) * axis
+    m = np.linalg.norm(across, axis=1)
+    cosine = np.clip(np.sum(n * across, axis=1) / np.maximum(m, 1e-30), -1, 1)
+    gap = room * cosine + np.sqrt(np.maximum((radius + room) ** 2 - room**2 * (1 - cosine**2), 0)) - radius
+    return np.maximum(np.where(m > 1e-6, m * gap + (1 - m) * room, room), least)
+
+
+def _within(r: Floats, n: Floats, least: Floats, reach: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """r (k,3) at least `least` along n and at most `reach` long, and whether it was under the first."""
+    up = _dot(r, n)
+    touched = up < least
+    r = np.where(touched, r + (least - up) * n, r)
+    size = np.linalg.norm(r, axis=1, keepdims=True)
+    r = np.where(size > reach, r * reach / np.maximum(size, 1e-30), r)
+    up = _dot(r, n)
+    flat = r - up * n
+    wide = np.linalg.norm(flat, axis=1, keepdims=True)
+    room = np.sqrt(np.maximum(reach**2 - least**2, 0))
+    low = (size > reach) & (up < least)
+    return np.where(low, least * n + np.minimum(1, room / np.maximum(wide, 1e-30)) * flat, r), touched
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.sum(a * b, axis=-1, keepdims=True)
+
+
+def _unit(a: Floats) -> Floats:
+    size = np.linalg.norm(a, axis=1, keepdims=True)
+    return np.where(size > 1e-20, a / np.maximum(size, 1e-30), 0)

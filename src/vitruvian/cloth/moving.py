@@ -1,0 +1,160 @@
+"""The skin of a moving body as cloth meets it from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vitruvian.body.types import Floats, Ints
+from vitruvian.cloth.obstacle import neighbours
+from vitruvian.native import kernels
+
+Single = NDArray[np.float32]
+LANDMARKS = 1500  # points of the skin among which the nearest are looked for
+MOST = 0.01  # metres that a substep pushes a vertex out at most
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """points (V,3) metres and unit normals (V,3), float32, of a surface with triangles (t,3). `shared`: what does not
+    change from frame to frame."""
+
+    points: Single
+    normals: Single
+    triangles: Ints
+    shared: dict[str, NDArray] = field(default_factory=dict, repr=False)
+
+    def at(self, points: Single, normals: Single) -> Skin:
+        """The same surface elsewhere."""
+        return Skin(points, normals, self.triangles, self.shared)
+
+    @cached_property
+    def both(self) -> Single:
+        """(V,6) points and normals."""
+        return np.concatenate([self.points, self.normals], axis=1)
+
+    @property
+    def neighbours(self) -> Ints:
+        """(t,3) the triangle across the edge from corner k to k + 1, or -1."""
+        if "neighbours" not in self.shared:
+            self.shared["neighbours"] = neighbours(self.triangles)
+        return self.shared["neighbours"]
+
+    @property
+    def landmarks(self) -> tuple[Ints, Ints]:
+        """(l,) vertices spread over the skin, and a triangle of each."""
+        if "landmarks" not in self.shared:
+            used, at = np.unique(self.triangles.ravel(), return_index=True)
+            every = max(1, len(used) // LANDMARKS)
+            self.shared["landmarks"] = np.stack([used, at // 3]).astype(np.int32)[:, ::every]
+        vertex, face = self.shared["landmarks"]
+        return vertex, face
+
+
+def feet(skin: Skin, corner: Ints, share: Single, offset: Single) -> tuple[Single, Single, Single]:
+    """Where feet (n,3) are that have shares (n,3) of corners (n,3) of a skin, the normals there, and what is offset (n,3)
+    from them: along the first side of the triangle, across it, along the normal."""
+    native = kernels()
+    if native is None:
+        from vitruvian.cloth.layers_numpy import cloth_feet
+    else:
+        cloth_feet = native.cloth_feet
+    foot, up, out = (np.empty((len(corner), 3), np.float32) for _ in range(3))
+    cloth_feet(skin.points, skin.normals, corner, share, offset, foot, up, out)
+    return foot, up, out
+
+
+@dataclass(frozen=True, eq=False)
+class Passing:
+    """A skin during a frame, as `vitruvian.cloth.solver.step` takes the body: see `Obstacle`."""
+
+    skin: Skin
+    before: Skin
+    offset: float
+    most: float = MOST
+
+    @property
+    def triangles(self) -> Ints:
+        return self.skin.triangles
+
+    @property
+    def neighbours(self) -> Ints:
+        return self.skin.neighbours
+
+    @property
+    def start(self) -> Single:
+        return self.before.both
+
+    @property
+    def end(self) -> Single:
+        return self.skin.both
+
+    @cached_property
+    def reach(self) -> float:
+        way = self.skin.points - self.before.points
+        return float(np.sqrt(np.einsum("vx,vx->v", way, way).max(initial=0)))
+
+    def nearest(self, points: Floats) -> tuple[Floats, Ints]:
+        """Of points (n,3): the distance (n,) to the nearest landmark at the begin, and its triangle (n,). The solver goes
+        on from there to what is nearest."""
+        from scipy.spatial import cKDTree
+
+        vertex, face = self.skin.landmarks
+        distance, found = cKDTree(self.before.points[vertex], balanced_tree=False, compact_nodes=False).query(points)
+        return distance, face[found]
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """A tangent plane of its own for each vertex of a cloth, as `step` takes the body: the first layer's feet.
+
+    foot and up (n,3) at a frame's end and begin. What is nearest never has to be looked for.
+    """
+
+    foot: Single
+    up: Single
+    foot_before: Single
+    up_before: Single
+    offset: float
+    most: float = MOST
+    wide: float = 0.5  # metres of a plane that are laid out
+
+    @cached_property
+    def triangles(self) -> Ints:
+        return np.arange(3 * len(self.foot), dtype=np.int32).reshape(-1, 3)
+
+    @cached_property
+    def neighbours(self) -> Ints:
+        return np.full((len(self.foot), 3), -1, np.int32)
+
+    @cached_property
+    def start(self) -> Single:
+        return _laid(self.foot_before, self.up_before, self.wide)
+
+    @cached_property
+    def end(self) -> Single:
+        return _laid(self.foot, self.up, self.wide)
+
+    @cached_property
+    def reach(self) -> float:
+        way = self.foot - self.foot_before
+        return float(np.sqrt(np.einsum("vx,vx->v", way, way).max(initial=0)))
+
+    def nearest(self, points: Floats) -> tuple[Floats, Ints]:
+        return np.zeros(len(points)), np.arange(len(points), dtype=np.int32)
+
+
+def _laid(foot: Single, up: Single, wide: float) -> Single:
+    """(3n,6) corners of a triangle about each foot, and its normal."""
+    axis = np.eye(3, dtype=np.float32)[np.argmin(np.abs(up), axis=1)]
+    t = axis - np.einsum("nx,nx->n", axis, up)[:, None] * up
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    b = np.cross(up, t)
+    out = np.empty((len(foot), 3, 6), np.float32)
+    for k, turn in enumerate((0.0, 2 * np.pi / 3, 4 * np.pi / 3)):
+        out[:, k, :3] = foot + wide * (np.float32(np.cos(turn)) * t + np.float32(np.sin(turn)) * b)
+        out[:, k, 3:] = up
+    return out.reshape(-1, 6)

@@ -1,0 +1,179 @@
+"""Clothes on a moving body in real time: tight cloth follows the skin, loose cloth hangs about limbs or on a rough mesh,
+floating cloth is simulated.
+
+Source: seed 003, section 5.3.2; note cloth.md, section 7. All of it is in humanoid space, metres and seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vitruvian.body.types import Floats, Ints, floats, require
+from vitruvian.cloth import limbs as about
+from vitruvian.cloth import rough as roughly
+from vitruvian.cloth.binding import Binding
+from vitruvian.cloth.layers import FLOATING, LOOSE, TIGHT
+from vitruvian.cloth.limbs import Limbs
+from vitruvian.cloth.moving import Passing, Skin, feet
+from vitruvian.cloth.rough import Rough
+from vitruvian.cloth.sheet import Sheet
+from vitruvian.cloth.solver import FRAME, GRAVITY, Cloth, State, assemble, step
+
+Single = NDArray[np.float32]
+STEPS = 20  # of a frame, for cloth that floats
+BAND = 3  # rings of vertices over which one layer becomes the next
+JUMP = 0.5  # metres that a body moves in a frame when it is put elsewhere
+LONGEST, MOST = 1 / 30, 8  # seconds of a frame; what takes longer is made up for in so many at most
+OFFSET = 0.003  # metres between the skin and what moves above it
+
+
+@dataclass(frozen=True, eq=False)
+class Floating:
+    """The part that is simulated: vertices (k,) of the garment, those of its `cloth`, of which `border` are moved."""
+
+    vertices: Ints
+    cloth: Cloth
+    border: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Worn:
+    """A garment ready to be worn: its sheet, the layer (n,) of each vertex, corner, share and offset (n,3) by which all are
+    bound to the skin, and what moves each layer."""
+
+    sheet: Sheet
+    layer: Ints
+    corner: Ints
+    share: Single
+    offset: Single
+    limbs: Limbs | None
+    rough: Rough | None
+    floating: Floating | None
+
+
+@dataclass(frozen=True, eq=False)
+class Now:
+    """Where a worn garment is: x (n,3) metres on a skin, the feet (n,3) of its vertices and the normals there, the joints
+    (J,3), and what each layer remembers."""
+
+    x: Single
+    skin: Skin
+    foot: Single
+    up: Single
+    joints: Floats
+    limbs: tuple[Single, Single] | None = None
+    rough: State | None = None
+    floating: State | None = None
+
+
+def made(
+    sheet: Sheet, x: Floats, binding: Binding, layer: Ints, regions: Ints, bones: Ints, skin: Skin, joints: Floats,
+    *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
+) -> Worn:  # fmt: skip
+    """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
+
+    layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
+    region's bone, or -1; joints (J,3) metres: where they are. gap: metres that floating cloth keeps from itself, 0: none.
+    """
+    x = floats(x, "x", len(layer), 3)
+    hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
+    others = (layer == LOOSE) & ~hanging
+    around = layer != FLOATING
+    tight = rings(sheet.edges, layer == TIGHT)
+    single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
+    return Worn(
+        sheet, layer, np.ascontiguousarray(binding.triangles[binding.face], np.int32), single(binding.share),
+        single(binding.offset),
+        about.made(sheet, x, binding, hanging, around, regions, bones, joints, tight, skin, gravity, BAND),
+        roughly.made(sheet, x, others, around, rings(sheet.edges, around & ~others), BAND),
+        _floating(sheet, layer, gap),
+    )  # fmt: skip
+
+
+def begun(worn: Worn, skin: Skin, joints: Floats) -> Now:
+    """The garment as it is bound to a skin, at rest on it. joints (J,3) metres."""
+    foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
+    limbs, rough, floating = worn.limbs, worn.rough, worn.floating
+    return Now(
+        x, skin, foot, up, joints,
+        None if limbs is None else about.begun(x[limbs.vertices], foot[limbs.vertices]),
+        None if rough is None else rough.cloth.state(x[rough.vertices]),
+        None if floating is None else floating.cloth.state(x[floating.vertices]),
+    )  # fmt: skip
+
+
+def moved(
+    worn: Worn, now: Now, skin: Skin, joints: Floats, *, dt: float = FRAME, gravity: ArrayLike = GRAVITY,
+    wind: ArrayLike | None = None, steps: int = STEPS,
+) -> Now:  # fmt: skip
+    """The garment `dt` seconds later, on the skin as it is then. joints (J,3) metres; wind (3,) m/s; `steps` in a frame of
+    what floats.
+
+    A body that is suddenly elsewhere takes its clothes with it, as they are bound to it; a long frame counts as several.
+    """
+    require(0 < dt < 10, "dt", "up to 10 seconds", dt)
+    if np.linalg.norm(joints[0] - now.joints[0]) > JUMP * max(1.0, dt / FRAME):
+        return begun(worn, skin, joints)
+    pieces = min(MOST, int(np.ceil(dt / LONGEST - 1e-6)))
+    start, first = now.skin, now.joints
+    for k in range(1, pieces + 1):
+        share = np.float32(k / pieces)
+        there = skin
+        if k < pieces:
+            there = skin.at(start.points + share * (skin.points - start.points),
+                            start.normals + share * (skin.normals - start.normals))  # fmt: skip
+        now = _moved(worn, now, there, first + (k / pieces) * (joints - first), min(dt / pieces, LONGEST), gravity,
+                     wind, steps)  # fmt: skip
+    return now
+
+
+def _moved(
+    worn: Worn, now: Now, skin: Skin, joints: Floats, dt: float, gravity: ArrayLike, wind: ArrayLike | None, steps: int
+) -> Now:
+    foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
+    limbs, rough, floating = now.limbs, now.rough, now.floating
+    drift = (joints[0] - now.joints[0]) / dt
+    if worn.limbs is not None and limbs is not None:
+        some = worn.limbs.vertices
+        limbs = about.hung(worn.limbs, limbs, now.foot[some], foot[some], up[some], joints, dt, gravity, wind)
+        about.placed(worn.limbs, limbs, x, skin)
+    if worn.rough is not None and rough is not None:
+        rough = roughly.moved(worn.rough, rough, x, (now.foot, now.up), (foot, up), drift, dt, gravity, wind)
+        roughly.placed(worn.rough, rough, x)
+    if worn.floating is not None and floating is not None:
+        f = worn.floating
+        slow = float(np.mean([c.damping for c in f.cloth.sheet.fabrics]))
+        pull = np.asarray(gravity, np.float64) + slow * drift  # the air moves along: else clothes lag behind a walk
+        floating = step(
+            f.cloth, floating, dt=dt, substeps=steps, gravity=(pull[0], pull[1], pull[2]), damping=slow,
+            targets=x[f.vertices[f.border]], obstacle=Passing(skin, now.skin, OFFSET), wind=wind,
+        )  # fmt: skip
+        x[f.vertices] = floating.x
+    return Now(x, skin, foot, up, joints, limbs, rough, floating)
+
+
+def _floating(sheet: Sheet, layer: Ints, gap: float) -> Floating | None:
+    """What floats, with the vertices around it."""
+    some = (layer[sheet.triangles] == FLOATING).any(axis=1)
+    if not some.any():
+        return None
+    vertices, triangles = np.unique(sheet.triangles[some], return_inverse=True)
+    own = Sheet(triangles.reshape(-1, 3).astype(np.int32), sheet.material[some], sheet.fabric[some], sheet.fabrics)
+    border = np.flatnonzero(layer[vertices] != FLOATING).astype(np.int32)
+    return Floating(vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border)
+
+
+def rings(edges: Ints, start: NDArray[np.bool_], most: int = 16) -> Ints:
+    """(n,) how many edges each vertex is from those of `start` (n,), `most` at most."""
+    out = np.where(start, 0, most).astype(np.int32)
+    a, b = edges.T
+    for k in range(1, most):
+        reached = np.concatenate([b[out[a] == k - 1], a[out[b] == k - 1]])
+        new = reached[out[reached] > k]
+        if not len(new):
+            break
+        out[new] = k
+    return out
