@@ -37,7 +37,7 @@ REGIONS: Mapping[str, tuple[tuple[str, ...], str, tuple[str, ...]]] = {
 LIMBS = tuple(n for n, (_, _, end) in REGIONS.items() if end)  # with a bone to hang about
 EDGE = {n: (0.008, 0.050) for n in LIMBS}  # metres from the skin: what is tight, and what is loose
 ELSEWHERE = (0.008, 0.040)
-STRETCH = 0.35  # share by which loose cloth may be stretched between the places it is bound to
+STRETCH = 0.5  # share by which cloth may be stretched between the places it is bound to
 OFTEN = 0.2  # of the training poses
 ISLAND = 12  # triangles: smaller spots take the layer around them
 FORK, DEEP, HEM = 0.04, 0.15, 0.03  # metres under the crotch: where legs are apart, those of trousers too; over a hem
@@ -97,16 +97,17 @@ def sort(
     edges: Mapping[str, tuple[float, float]] | None = None,
     crotch: float | None = None,
     painted: Mapping[int, int] | None = None,
-) -> Ints:
-    """(n,) the layer of each vertex of a cloth: `TIGHT`, `LOOSE` or `FLOATING`.
+) -> tuple[Ints, NDArray[np.bool_]]:
+    """(n,) the layer of each vertex of a cloth: `TIGHT`, `LOOSE` or `FLOATING`; and (n,) which bridge parts of the body
+    that move apart, as under arms.
 
     binding: of its vertices x (n,3) metres to the skin that it was draped on; triangles (m,3) of the cloth; regions (V,) of
     the skin's vertices; trained: the skin (V,3) in training poses, and the cloth (n,3) as it is bound to it there. edges:
     region -> metres from the skin up to which cloth is tight, and loose; what is not named has the usual ones. crotch:
     height under which cloth that goes round both legs floats. painted: vertex -> layer, what a person decided.
 
-    Loose cloth floats where it comes to be nearer to another part of the body in a training pose, or where the places
-    that it is bound to move apart.
+    Loose cloth floats where it comes to be nearer to another part of the body in a training pose, and all cloth where the
+    places that it is bound to move apart.
     """
     n = len(binding.face)
     triangles = indices(triangles, "triangles", n, None, 3)
@@ -118,14 +119,17 @@ def sort(
     layer[(layer == TIGHT) & (binding.offset[:, 2] < 0)] = LOOSE  # it lies inside: it is put right with what is loose
     loose = np.flatnonzero(layer == LOOSE)
     layer[loose[_strays(binding, loose, where, regions, known, trained)]] = FLOATING
-    layer[_torn(x, triangles, trained) & (layer == LOOSE)] = FLOATING
+    bridging = _torn(x, triangles, trained)
+    layer[bridging] = FLOATING
     if crotch is not None:
-        layer[_skirted(triangles, where, known, x[:, 1], crotch)] = FLOATING
+        skirt = _skirted(triangles, where, known, x[:, 1], crotch)
+        layer[skirt] = FLOATING
+        bridging &= ~skirt
     layer = _cleaned(layer, triangles)
     for vertex, value in (painted or {}).items():
         require(0 <= vertex < n and value in (TIGHT, LOOSE, FLOATING), "painted", "vertices and layers", (vertex, value))
         layer[vertex] = value
-    return layer.astype(np.int32)
+    return layer.astype(np.int32), bridging
 
 
 def _strays(

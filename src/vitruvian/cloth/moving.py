@@ -9,27 +9,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.types import Floats, Ints
-from vitruvian.cloth.obstacle import neighbours
+from vitruvian.cloth.obstacle import MOST, OFFSET, neighbours
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
-LANDMARKS = 1500  # points of the skin among which the nearest are looked for
-MOST = 0.01  # metres that a substep pushes a vertex out at most
+SHALLOW = 0.01  # metres that cloth may be in an arm and still be pushed out of it
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """points (V,3) metres and unit normals (V,3), float32, of a surface with triangles (t,3). `shared`: what does not
-    change from frame to frame."""
+    """points (V,3) metres and unit normals (V,3), float32, of a surface with triangles (t,3); side (V,): 1 for those
+    of the left arm and hand, 2 of the right, 0 else. `shared`: what does not change from frame to frame."""
 
     points: Single
     normals: Single
     triangles: Ints
+    side: NDArray[np.int8]
     shared: dict[str, NDArray] = field(default_factory=dict, repr=False)
+
+    @property
+    def parts(self) -> tuple[tuple[Ints, NDArray[np.int64]], tuple[Ints, NDArray[np.int64]]]:
+        """Triangles of the body without arms, which and their corners, and of arms."""
+        if "arms" not in self.shared:
+            self.shared["arms"] = (self.side[self.triangles] > 0).all(axis=1)
+            for key, some in (("body", ~self.shared["arms"]), ("limbs", self.shared["arms"])):
+                self.shared[key] = np.flatnonzero(some)
+                self.shared[key + " corners"] = self.triangles[some].astype(np.int64)
+        s = self.shared
+        return (s["body"], s["body corners"]), (s["limbs"], s["limbs corners"])
 
     def at(self, points: Single, normals: Single) -> Skin:
         """The same surface elsewhere."""
-        return Skin(points, normals, self.triangles, self.shared)
+        return Skin(points, normals, self.triangles, self.side, self.shared)
 
     @cached_property
     def both(self) -> Single:
@@ -42,16 +53,6 @@ class Skin:
         if "neighbours" not in self.shared:
             self.shared["neighbours"] = neighbours(self.triangles)
         return self.shared["neighbours"]
-
-    @property
-    def landmarks(self) -> tuple[Ints, Ints]:
-        """(l,) vertices spread over the skin, and a triangle of each."""
-        if "landmarks" not in self.shared:
-            used, at = np.unique(self.triangles.ravel(), return_index=True)
-            every = max(1, len(used) // LANDMARKS)
-            self.shared["landmarks"] = np.stack([used, at // 3]).astype(np.int32)[:, ::every]
-        vertex, face = self.shared["landmarks"]
-        return vertex, face
 
 
 def feet(skin: Skin, corner: Ints, share: Single, offset: Single) -> tuple[Single, Single, Single]:
@@ -69,11 +70,17 @@ def feet(skin: Skin, corner: Ints, share: Single, offset: Single) -> tuple[Singl
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """A skin during a frame, as `vitruvian.cloth.solver.step` takes the body: see `Obstacle`."""
+    """A skin during a frame, as `vitruvian.cloth.solver.step` takes the body: see `Obstacle`.
+
+    home (n,): cloth that lies on arms. Other cloth meets arms only from outside: hands that are put through the body, as
+    captured motion has it on other people's bodies, do not carry it along. bridging (n,): cloth that meets nothing.
+    """
 
     skin: Skin
     before: Skin
-    offset: float
+    home: NDArray[np.bool_]
+    bridging: NDArray[np.bool_]
+    offset: float = OFFSET
     most: float = MOST
 
     @property
@@ -98,13 +105,22 @@ class Passing:
         return float(np.sqrt(np.einsum("vx,vx->v", way, way).max(initial=0)))
 
     def nearest(self, points: Floats) -> tuple[Floats, Ints]:
-        """Of points (n,3): the distance (n,) to the nearest landmark at the begin, and its triangle (n,). The solver goes
-        on from there to what is nearest."""
-        from scipy.spatial import cKDTree
+        """Distances (n,) of points (n,3) to what they meet of the skin as it is at the begin, and the triangles (n,) that
+        are nearest."""
+        import igl
 
-        vertex, face = self.skin.landmarks
-        distance, found = cKDTree(self.before.points[vertex], balanced_tree=False, compact_nodes=False).query(points)
-        return distance, face[found]
+        points, x = np.ascontiguousarray(points, np.float64), self.before.points.astype(np.float64)
+        body, arms = self.skin.parts
+        squared, face, _ = igl.point_mesh_squared_distance(points, x, body[1])[:3]
+        far, face = np.sqrt(np.asarray(squared).reshape(-1)), body[0][np.asarray(face).reshape(-1)]
+        if len(arms[0]):
+            other, on, foot = igl.point_mesh_squared_distance(points, x, arms[1])[:3]
+            other, on = np.sqrt(np.asarray(other).reshape(-1)), arms[0][np.asarray(on).reshape(-1)]
+            up = np.einsum("nx,nx->n", points - np.asarray(foot).reshape(-1, 3),
+                           self.before.normals[self.triangles[on]].mean(axis=1))  # fmt: skip
+            meets = (other < far) & (self.home | (up > -SHALLOW))
+            far, face = np.where(meets, other, far), np.where(meets, on, face)
+        return far, np.where(self.bridging, -1, face).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)

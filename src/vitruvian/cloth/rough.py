@@ -28,7 +28,7 @@ LEAST = 0.003  # metres from the skin
 class Rough:
     """vertices (r,) of the garment that the rough mesh has, its `cloth`, of which `border` (b,) are moved; incidence of its
     triangles. fine (k,) vertices of the garment hang on its triangles `corner` (k,3) by shares (k,3) and offsets (k,3),
-    and make up a part (k,) of their places, less than one near other layers."""
+    and make up a part (k,) of their places, less than one near other layers; least (k,) metres from the skin."""
 
     vertices: Ints
     cloth: Cloth
@@ -39,13 +39,14 @@ class Rough:
     share: Single
     offset: Single
     part: Single
+    least: Single
 
 
 def made(
-    sheet: Sheet, x: Floats, mine: NDArray[np.bool_], kept: NDArray[np.bool_], rings: Ints, band: int
+    sheet: Sheet, x: Floats, height: Floats, mine: NDArray[np.bool_], kept: NDArray[np.bool_], rings: Ints, band: int
 ) -> Rough | None:
     """A rough mesh of the vertices `mine` (n,) of a garment at x (n,3), and a band beside them of those `kept` (n,) that
-    other layers move; None where there is not enough for one. rings (n,): how many sides each is from `kept` ones."""
+    other layers move; None where there is not enough for one. height (n,) metres from the skin; rings (n,): how many sides each is from `kept` ones."""
     beside = mine.copy()
     for _ in range(2):  # what other layers move holds the rough mesh at its border
         beside[sheet.edges[beside[sheet.edges].any(axis=1)].ravel()] = True
@@ -73,6 +74,7 @@ def made(
         seeds.astype(np.int32), cloth, border, around, fine, np.ascontiguousarray(coarse[bound.face], np.int32),
         bound.share.astype(np.float32), bound.offset.astype(np.float32),
         np.minimum(1.0, rings[fine] / (band + 1)).astype(np.float32),
+        np.minimum(LEAST, height[fine]).astype(np.float32),
     )  # fmt: skip
 
 
@@ -91,13 +93,17 @@ def moved(
     )  # fmt: skip
 
 
-def placed(rough: Rough, state: State, x: Single) -> None:
-    """Puts the fine vertices of x (n,3) where the rough mesh has them."""
+def placed(rough: Rough, state: State, x: Single, foot: Single, up: Single) -> None:
+    """Puts the fine vertices of x (n,3) where the rough mesh has them, and not nearer to the skin, at its feet (n,3) with
+    their normals, than they may be."""
     normals = mesh_normals(rough.incidence, state.x[None])[0]
-    skin = Skin(state.x, normals, rough.cloth.sheet.triangles)
+    skin = Skin(state.x, normals, rough.cloth.sheet.triangles, np.zeros(len(state.x), np.int8))
     out = feet(skin, rough.corner, rough.share, rough.offset)[2]
     bound = x[rough.fine]
-    x[rough.fine] = bound + rough.part[:, None] * (out - bound)
+    at = bound + rough.part[:, None] * (out - bound)
+    n = up[rough.fine]
+    at += np.maximum(rough.least - np.einsum("kx,kx->k", at - foot[rough.fine], n), 0)[:, None] * n
+    x[rough.fine] = at
 
 
 def thinned(x: Floats, triangles: Ints, domain: NDArray[np.bool_], count: int) -> tuple[Ints, Ints]:

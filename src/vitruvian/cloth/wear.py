@@ -12,17 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
-from vitruvian.body.rotations import from_vector
+from vitruvian.body.rotations import between as turn_between
+from vitruvian.body.rotations import from_matrix, from_vector, slerp
 from vitruvian.body.types import Body, Floats, Ints, Skeleton
-from vitruvian.cloth.binding import bind
+from vitruvian.cloth.binding import Binding, bind, feet
 from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.layers import Anatomy, anatomy, sort
-from vitruvian.cloth.moving import Skin
-from vitruvian.cloth.placing import largest
+from vitruvian.cloth.moving import Passing, Skin
+from vitruvian.cloth.placing import LEGS, largest
+from vitruvian.cloth.solver import assemble, step
 from vitruvian.cloth.worn import Now, Worn, begun, made, moved
 from vitruvian.deform.deformer import Deformer
 
 FORK = ("l_hip", "r_hip")
+ARMS = np.radians(20.0)  # beside the trunk, where cloth is bound
+LOWERING, SETTLING = 90, 45  # frames from the pose that a garment was draped in to that, and at rest there
+ARM = ("upper_arm", "forearm", "hand")
 ENTRY = 40  # frames from the pose that a garment was draped in to the first that is shown
 # Poses in which it is seen what cloth stays with: joints and their rotation vectors, radians; l_ stands for both sides,
 # mirrored, and what is named by its side is for that side alone
@@ -64,7 +69,12 @@ def wearer(run: Deformer) -> Wearer:
     body, known = run.body, anatomy(run.body.skeleton)
     rest = body.skin.rest.astype(np.float32)
     triangles = largest(body.skin.triangles, len(rest))
-    return Wearer(run, Skin(rest, run.rest_normals.astype(np.float32), triangles), known, known.of(body))
+    regions = known.of(body)
+    side = np.zeros(len(rest), np.int8)
+    for k, name in enumerate(known.names):
+        if name[2:] in ARM:
+            side[regions == k] = 1 if name[0] == "l" else 2
+    return Wearer(run, Skin(rest, run.rest_normals.astype(np.float32), triangles, side), known, regions)
 
 
 def places(skeleton: Skeleton, matrices: Floats) -> Floats:
@@ -85,9 +95,10 @@ def wear(
     edges: region (see `vitruvian.cloth.layers.REGIONS`) -> metres from the skin up to which cloth is tight, and loose;
     painted: vertex -> layer, what a person decided; gap: metres that floating cloth keeps from itself, 0: passes through.
     """
-    skin, joints = person.at(garment.matrices)
-    x, triangles = garment.vertices, garment.triangles
-    binding = bind(skin.points.astype(np.float64), skin.triangles, x, triangles, skin.normals.astype(np.float64))
+    matrices, x = stood(garment, person)
+    skin, joints = person.at(matrices)
+    triangles = garment.triangles
+    binding = _bound(skin, x, sides(person, garment))
     trained = []
     for matrices in training(person.run.body.skeleton):
         there, _ = person.at(matrices)
@@ -95,26 +106,84 @@ def wear(
         trained.append((points, binding.at(points, normals)))
     index = person.run.body.skeleton.index
     hips = [joints[index[j], 1] for j in FORK if j in index]
-    layer = sort(
+    layer, bridging = sort(
         binding, x, triangles, person.regions, person.known, trained, edges=edges,
         crotch=_crotch(skin, person, hips), painted=painted,
     )  # fmt: skip
     regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
-    return made(garment.sheet, x, binding, layer, regions, person.known.bones, skin, joints, gap=gap)
+    return made(garment.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, gap=gap), matrices, x
 
 
-def entered(worn: Worn, person: Wearer, garment: Garment, matrices: Floats, *, frames: int = ENTRY, **options: object) -> Now:
-    """The garment at rest on a body under joint matrices (J,4,4), led there from the pose that it was draped in."""
-    from vitruvian.body.rotations import from_matrix, slerp
+def sides(person: Wearer, garment: Garment) -> Ints:
+    """(n,) what each vertex of a garment is about: 1 the left arm, 2 the right one, 0 the rest of the body. Seen in the pose
+    that it was draped in, with the arms away from the trunk."""
+    skin = person.at(garment.matrices)[0]
+    face = feet(skin.points.astype(np.float64), skin.triangles, garment.vertices)[0]
+    return skin.side[skin.triangles[face, 0]]
 
-    skin, joints = person.at(garment.matrices)
-    now = begun(worn, skin, joints)
-    first, last = garment.matrices, matrices
+
+def _bound(skin: Skin, x: Floats, side: Ints) -> Binding:
+    """Cloth at x (n,3) bound to the part of the skin that it is about, `sides` (n,): beside the trunk, arms are as near to
+    a shirt as its trunk is."""
+    points, normals = skin.points.astype(np.float64), skin.normals.astype(np.float64)
+    face, share, offset = np.zeros(len(x), np.int32), np.zeros((len(x), 3)), np.zeros((len(x), 3))
+    of = skin.side[skin.triangles[:, 0]]
+    for k in np.unique(side):
+        some, own = side == k, np.flatnonzero(of == k)
+        part = bind(points, skin.triangles[own], x[some], normals=normals)
+        face[some], share[some], offset[some] = own[part.face], part.share, part.offset
+    return Binding(skin.triangles, face, share, offset, np.ones(len(x), bool))
+
+
+def stood(garment: Garment, person: Wearer, *, arms: float = ARMS) -> tuple[Floats, Floats]:
+    """The pose that cloth is bound in, (J,4,4), and how the garment hangs there, (n,3) metres: led from the pose that it was
+    draped in, whole and with contact between its parts, to one that is in the middle of what people do. arms: radians
+    beside the trunk."""
+    skeleton = person.run.body.skeleton
+    rotation = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(skeleton), 1))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        shoulder, elbow = skeleton.index[f"{side}_shoulder"], skeleton.index[f"{side}_elbow"]
+        bone = skeleton.centers[elbow] - skeleton.centers[shoulder]
+        long = np.hypot(*bone[:2])
+        rotation[0, shoulder] = turn_between(bone, np.array([sign * np.sin(arms) * long, -np.cos(arms) * long, bone[2]]))
+        if f"{side}_hip" in skeleton.index:
+            rotation[0, skeleton.index[f"{side}_hip"]] = from_vector(np.array([0.0, 0.0, sign * LEGS]))
+    matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+    cloth = assemble(garment.sheet, gap=max(1e-3, *(f.thickness for f in garment.sheet.fabrics)))
+    state, before = cloth.state(garment.vertices), person.at(garment.matrices)[0]
+    home = sides(person, garment) > 0
+    for k in range(1, LOWERING + SETTLING + 1):
+        share = min(1.0, k / LOWERING)
+        skin = person.at(between(skeleton, garment.matrices, matrices, share * share * (3 - 2 * share)))[0]
+        state = step(cloth, state, obstacle=Passing(skin, before, home, np.zeros(len(home), bool)), damping=2.0)
+        before = skin
+    return matrices, state.x.astype(np.float64)
+
+
+def entered(worn: Worn, person: Wearer, start: Floats, matrices: Floats, *, frames: int = ENTRY) -> Now:
+    """The garment on a body under joint matrices (J,4,4), led there from the pose `start` (J,4,4) that it was draped in."""
+    skeleton = person.run.body.skeleton
+    # placed where it is to be, so that nothing is flung there
+    turn = matrices[0] @ np.linalg.inv(start[0])
+    start = turn @ start
+    now = begun(worn, *person.at(start))
     for k in range(1, frames + 1):
         share = min(1.0, k / (0.75 * frames))
-        skin, joints = person.at(blended(person.run.body.skeleton, first, last, share * share * (3 - 2 * share)))
-        now = moved(worn, now, skin, joints)
+        there = between(skeleton, start, matrices, share * share * (3 - 2 * share))
+        now = moved(worn, now, *person.at(there))
     return now
+
+
+def between(skeleton: Skeleton, a: Floats, b: Floats, share: float) -> Floats:
+    """(J,4,4) matrices of a pose between two, of matrices (J,4,4): each joint turned by a share of the way."""
+    turns, roots = [], []
+    for m in (a, b):
+        above = np.where(skeleton.parents[:, None, None] < 0, np.eye(3), m[np.maximum(skeleton.parents, 0), :3, :3])
+        turns.append(from_matrix(np.einsum("jba,jbc->jac", above, m[:, :3, :3])))
+        roots.append(m[0, :3, 3] - skeleton.centers[0] + m[0, :3, :3] @ skeleton.centers[0])
+    shift = np.zeros((1, len(skeleton), 3))
+    shift[0, 0] = roots[0] + share * (roots[1] - roots[0])
+    return pose_matrices(skeleton, slerp(turns[0], turns[1], share)[None], shift)[0]
 
 
 def training(skeleton: Skeleton) -> list[Floats]:

@@ -27,16 +27,19 @@ STEPS = 20  # of a frame, for cloth that floats
 BAND = 3  # rings of vertices over which one layer becomes the next
 JUMP = 0.5  # metres that a body moves in a frame when it is put elsewhere
 LONGEST, MOST = 1 / 30, 8  # seconds of a frame; what takes longer is made up for in so many at most
-OFFSET = 0.003  # metres between the skin and what moves above it
 
 
 @dataclass(frozen=True, eq=False)
 class Floating:
-    """The part that is simulated: vertices (k,) of the garment, those of its `cloth`, of which `border` are moved."""
+    """The part that is simulated: vertices (k,) of the garment, those of its `cloth`, of which `border` are moved; home
+    (k,): those that are bound to arms; bridging (k,): those that hang between parts of the body that move apart, which
+    would be pinched there, and are not kept out of it."""
 
     vertices: Ints
     cloth: Cloth
     border: Ints
+    home: NDArray[np.bool_]
+    bridging: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,25 +74,25 @@ class Now:
 
 def made(
     sheet: Sheet, x: Floats, binding: Binding, layer: Ints, regions: Ints, bones: Ints, skin: Skin, joints: Floats,
-    *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
+    bridging: NDArray[np.bool_], *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
 ) -> Worn:  # fmt: skip
     """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
 
     layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
-    region's bone, or -1; joints (J,3) metres: where they are. gap: metres that floating cloth keeps from itself, 0: none.
+    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that move apart. gap: metres that floating cloth keeps from itself, 0: none.
     """
     x = floats(x, "x", len(layer), 3)
     hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
     others = (layer == LOOSE) & ~hanging
     around = layer != FLOATING
-    tight = rings(sheet.edges, layer == TIGHT)
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     return Worn(
         sheet, layer, np.ascontiguousarray(binding.triangles[binding.face], np.int32), single(binding.share),
         single(binding.offset),
-        about.made(sheet, x, binding, hanging, around, regions, bones, joints, tight, skin, gravity, BAND),
-        roughly.made(sheet, x, others, around, rings(sheet.edges, around & ~others), BAND),
-        _floating(sheet, layer, gap),
+        about.made(sheet, x, binding, hanging, around, regions, bones, joints, rings(sheet.edges, around & ~hanging),
+                   skin, gravity, BAND),
+        roughly.made(sheet, x, binding.offset[:, 2], others, around, rings(sheet.edges, around & ~others), BAND),
+        _floating(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0, bridging),
     )  # fmt: skip
 
 
@@ -142,20 +145,20 @@ def _moved(
         about.placed(worn.limbs, limbs, x, skin)
     if worn.rough is not None and rough is not None:
         rough = roughly.moved(worn.rough, rough, x, (now.foot, now.up), (foot, up), drift, dt, gravity, wind)
-        roughly.placed(worn.rough, rough, x)
+        roughly.placed(worn.rough, rough, x, foot, up)
     if worn.floating is not None and floating is not None:
         f = worn.floating
         slow = float(np.mean([c.damping for c in f.cloth.sheet.fabrics]))
         pull = np.asarray(gravity, np.float64) + slow * drift  # the air moves along: else clothes lag behind a walk
         floating = step(
             f.cloth, floating, dt=dt, substeps=steps, gravity=(pull[0], pull[1], pull[2]), damping=slow,
-            targets=x[f.vertices[f.border]], obstacle=Passing(skin, now.skin, OFFSET), wind=wind,
+            targets=x[f.vertices[f.border]], obstacle=Passing(skin, now.skin, f.home, f.bridging), wind=wind,
         )  # fmt: skip
         x[f.vertices] = floating.x
     return Now(x, skin, foot, up, joints, limbs, rough, floating)
 
 
-def _floating(sheet: Sheet, layer: Ints, gap: float) -> Floating | None:
+def _floating(sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], bridging: NDArray[np.bool_]) -> Floating | None:
     """What floats, with the vertices around it."""
     some = (layer[sheet.triangles] == FLOATING).any(axis=1)
     if not some.any():
@@ -163,7 +166,7 @@ def _floating(sheet: Sheet, layer: Ints, gap: float) -> Floating | None:
     vertices, triangles = np.unique(sheet.triangles[some], return_inverse=True)
     own = Sheet(triangles.reshape(-1, 3).astype(np.int32), sheet.material[some], sheet.fabric[some], sheet.fabrics)
     border = np.flatnonzero(layer[vertices] != FLOATING).astype(np.int32)
-    return Floating(vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border)
+    return Floating(vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border, home[vertices], bridging[vertices])
 
 
 def rings(edges: Ints, start: NDArray[np.bool_], most: int = 16) -> Ints:
