@@ -57,11 +57,27 @@ class Wearer:
 
     def at(self, matrices: Floats) -> tuple[Skin, Floats]:
         """The skin under joint matrices (J,4,4), and where the joints are, (J,3) metres."""
-        points = self.run(matrices)
-        return self.on(points, self.run.normals(points)), places(self.run.body.skeleton, matrices)
+        return self.on(self.run(matrices)), self.joints(matrices)
 
-    def on(self, points: NDArray[np.float32], normals: NDArray[np.float32]) -> Skin:
-        return self.skin.at(points, normals)
+    def on(self, points: NDArray[np.float32]) -> Skin:
+        """The skin where its points are (V,3) metres."""
+        return self.skin.at(points, self.run.normals(points))
+
+    def joints(self, matrices: Floats) -> Floats:
+        """(J,3) metres: where the joints are under their matrices (J,4,4)."""
+        centers = self.run.body.skeleton.centers
+        return np.einsum("jab,jb->ja", matrices[:, :3, :3], centers) + matrices[:, :3, 3]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A garment with what is needed to wear it: `worn`, and how it hangs, x (n,3) metres, in the pose that it is bound in,
+    of matrices (J,4,4)."""
+
+    garment: Garment
+    worn: Worn
+    matrices: Floats
+    x: Floats
 
 
 def wearer(run: Deformer) -> Wearer:
@@ -77,11 +93,6 @@ def wearer(run: Deformer) -> Wearer:
     return Wearer(run, Skin(rest, run.rest_normals.astype(np.float32), triangles, side), known, regions)
 
 
-def places(skeleton: Skeleton, matrices: Floats) -> Floats:
-    """(J,3) metres: where the joints are under their matrices (J,4,4)."""
-    return np.einsum("jab,jb->ja", matrices[:, :3, :3], skeleton.centers) + matrices[:, :3, 3]
-
-
 def wear(
     garment: Garment,
     person: Wearer,
@@ -89,13 +100,16 @@ def wear(
     edges: Mapping[str, tuple[float, float]] | None = None,
     painted: Mapping[int, int] | None = None,
     gap: float = 0.0,
-) -> Worn:
+    pose: Floats | None = None,
+) -> Prepared:
     """A garment ready to be worn in real time by the person that it was draped on.
 
     edges: region (see `vitruvian.cloth.layers.REGIONS`) -> metres from the skin up to which cloth is tight, and loose;
-    painted: vertex -> layer, what a person decided; gap: metres that floating cloth keeps from itself, 0: passes through.
+    painted: vertex -> layer, what a person decided; gap: metres that floating cloth keeps from itself, 0: passes through;
+    pose (J,4,4): joint matrices that it is bound in, None: standing, see `stood`.
     """
-    matrices, x = stood(garment, person)
+    matrices = stood(person.run.body.skeleton) if pose is None else pose
+    x = led(garment, person, matrices)
     skin, joints = person.at(matrices)
     triangles = garment.triangles
     binding = _bound(skin, x, sides(person, garment))
@@ -111,7 +125,8 @@ def wear(
         crotch=_crotch(skin, person, hips), painted=painted,
     )  # fmt: skip
     regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
-    return made(garment.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, gap=gap), matrices, x
+    worn = made(garment.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, gap=gap)
+    return Prepared(garment, worn, matrices, x)
 
 
 def sides(person: Wearer, garment: Garment) -> Ints:
@@ -135,42 +150,48 @@ def _bound(skin: Skin, x: Floats, side: Ints) -> Binding:
     return Binding(skin.triangles, face, share, offset, np.ones(len(x), bool))
 
 
-def stood(garment: Garment, person: Wearer, *, arms: float = ARMS) -> tuple[Floats, Floats]:
-    """The pose that cloth is bound in, (J,4,4), and how the garment hangs there, (n,3) metres: led from the pose that it was
-    draped in, whole and with contact between its parts, to one that is in the middle of what people do. arms: radians
-    beside the trunk."""
-    skeleton = person.run.body.skeleton
+def stood(skeleton: Skeleton, *, arms: float = ARMS) -> Floats:
+    """(J,4,4) matrices of the pose that cloth is bound in, in the middle of what people do: standing, with the arms so many
+    radians beside the trunk."""
     rotation = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(skeleton), 1))
     for side, sign in (("l", 1.0), ("r", -1.0)):
         shoulder, elbow = skeleton.index[f"{side}_shoulder"], skeleton.index[f"{side}_elbow"]
         bone = skeleton.centers[elbow] - skeleton.centers[shoulder]
         long = np.hypot(*bone[:2])
-        rotation[0, shoulder] = turn_between(bone, np.array([sign * np.sin(arms) * long, -np.cos(arms) * long, bone[2]]))
+        down = np.array([sign * np.sin(arms) * long, -np.cos(arms) * long, bone[2]])
+        rotation[0, shoulder] = turn_between(bone, down)
         if f"{side}_hip" in skeleton.index:
             rotation[0, skeleton.index[f"{side}_hip"]] = from_vector(np.array([0.0, 0.0, sign * LEGS]))
-    matrices = pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+    return pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
+
+
+def led(garment: Garment, person: Wearer, matrices: Floats) -> Floats:
+    """(n,3) metres: how a garment hangs in a pose, led there from the one that it was draped in, whole and with contact
+    between its parts."""
+    skeleton, start = person.run.body.skeleton, garment.matrices
+    start = matrices[0] @ np.linalg.inv(start[0]) @ start  # where it is to be, so that nothing is flung there
+    turn = start[0] @ np.linalg.inv(garment.matrices[0])
     cloth = assemble(garment.sheet, gap=max(1e-3, *(f.thickness for f in garment.sheet.fabrics)))
-    state, before = cloth.state(garment.vertices), person.at(garment.matrices)[0]
+    state, before = cloth.state(garment.vertices @ turn[:3, :3].T + turn[:3, 3]), person.at(start)[0]
     home = sides(person, garment) > 0
+    free = np.zeros(len(home), bool)
     for k in range(1, LOWERING + SETTLING + 1):
         share = min(1.0, k / LOWERING)
-        skin = person.at(between(skeleton, garment.matrices, matrices, share * share * (3 - 2 * share)))[0]
-        state = step(cloth, state, obstacle=Passing(skin, before, home, np.zeros(len(home), bool)), damping=2.0)
+        skin = person.at(between(skeleton, start, matrices, share * share * (3 - 2 * share)))[0]
+        state = step(cloth, state, obstacle=Passing(skin, before, home, free), damping=2.0)
         before = skin
-    return matrices, state.x.astype(np.float64)
+    return state.x.astype(np.float64)
 
 
-def entered(worn: Worn, person: Wearer, start: Floats, matrices: Floats, *, frames: int = ENTRY) -> Now:
-    """The garment on a body under joint matrices (J,4,4), led there from the pose `start` (J,4,4) that it was draped in."""
+def entered(prepared: Prepared, person: Wearer, matrices: Floats, *, frames: int = ENTRY) -> Now:
+    """The garment on a body under joint matrices (J,4,4), led there from the pose that it is bound in."""
     skeleton = person.run.body.skeleton
-    # placed where it is to be, so that nothing is flung there
-    turn = matrices[0] @ np.linalg.inv(start[0])
-    start = turn @ start
-    now = begun(worn, *person.at(start))
+    start = matrices[0] @ np.linalg.inv(prepared.matrices[0]) @ prepared.matrices  # as in `led`
+    now = begun(prepared.worn, *person.at(start))
     for k in range(1, frames + 1):
         share = min(1.0, k / (0.75 * frames))
         there = between(skeleton, start, matrices, share * share * (3 - 2 * share))
-        now = moved(worn, now, *person.at(there))
+        now = moved(prepared.worn, now, *person.at(there))
     return now
 
 

@@ -89,7 +89,8 @@ class Actor:
     """A figure, or a thing without joints, on a stage.
 
     `deformer` and `options`: as for `vitruvian.deformer`. `rotation` (J,4), `translation` (J,3), `weights` (D,): what its
-    motion and the events ask for; replaced, never written into. `turns`, `shift`, `shaped`: set on top of it.
+    motion and the events ask for; replaced, never written into. `turns`, `shift`, `shaped`: set on top of it. `on`: the
+    actor that it is placed with, as clothes are.
     """
 
     def __init__(
@@ -102,9 +103,11 @@ class Actor:
         motion: Motion | None = None,
         deformer: str = "log",
         options: Mapping[str, Any] | None = None,
+        on: Actor | None = None,
     ):
         self.name, self.body, self.humanoid, self.mesh = name, body, humanoid, mesh
         self.motion, self.deformer, self.options = motion, deformer, dict(options or {})
+        self.on = on
         self.levels: dict[int, Level] = {} if body is None else {0: Level(body)}
         self.level = 0
         self.still: frozenset[str] = frozenset()  # extremities that are off
@@ -242,6 +245,8 @@ class Actor:
 
     def placed(self) -> Floats:
         """(4,4) humanoid space to the stage."""
+        if self.on is not None:
+            return self.on.placed()
         if self._placed[0] != self.round:
             out = self.placement.copy()
             out[:3, 3] += self.placement[:3, :3] @ (self.round * self.travel)

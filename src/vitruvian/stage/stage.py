@@ -135,6 +135,12 @@ class Stage:
         self.systems.insert(names.index(place) + bool(after), system)
         return system
 
+    def enter(self, actor: Actor) -> None:
+        """Put another actor on the stage; it is in the next frame. Raises VitruvianError for a name that is taken."""
+        require(actor.name not in self.actors, f"actor {actor.name}", "a name of its own", "one that is there already")
+        self.workshop.prepare(actor)
+        self.actors[actor.name] = actor
+
     def intercept(self, run: Hooked, kind: str = "rotation", *, actor: str = "", name: str = "") -> Hook:
         """Let a function see events before they take effect: `run(stage, event)`.
 
