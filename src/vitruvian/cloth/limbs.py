@@ -22,7 +22,7 @@ from vitruvian.native import kernels
 Single = NDArray[np.float32]
 RING = 0.02  # metres of a limb's length
 DAMPING, SMOOTH = 4.0, 0.3  # 1/s, relative to the skin; share of its neighbours' place that a vertex takes
-LEAST = 0.003  # metres from the skin
+LEAST = 0.003  # metres from the skin, halved where the drape has it nearer
 SETTLING = 120  # frames until cloth rests as the half-balls have it
 
 
@@ -51,12 +51,13 @@ class Limbs:
 
 def made(
     sheet: Sheet, x: Floats, binding: Binding, mine: NDArray[np.bool_], around: NDArray[np.bool_], regions: Ints,
-    bones: Ints, joints: Floats, rings: Ints, skin: Skin, gravity: ArrayLike, band: int,
+    bones: Ints, joints: Floats, rings: Ints, least: Floats, skin: Skin, gravity: ArrayLike, band: int,
 ) -> Limbs | None:  # fmt: skip
     """The vertices `mine` (n,) of a garment at x (n,3), bound to a skin, about limbs; None without any.
 
     around (n,): the vertices that show how wide the rings of cloth are; bones (R,2) joints at the ends of each region's bone,
-    joints (J,3) metres; rings (n,): how many sides each vertex is from tight cloth, of which `band` make the change.
+    joints (J,3) metres; rings (n,): how many sides each vertex is from tight cloth, of which `band` make the change;
+    least (n,) metres from the skin.
     """
     vertices = np.flatnonzero(mine).astype(np.int32)
     if not len(vertices):
@@ -87,7 +88,7 @@ def made(
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     limbs = Limbs(
         vertices, bone.reshape(-1).astype(np.int32), np.ascontiguousarray(bones[used], np.int32), single(radius), single(room),
-        single(np.clip(height, 0.5 * LEAST, LEAST)), row, neighbour, np.ascontiguousarray(corner[vertices], np.int32),
+        single(np.clip(height, 0.5 * LEAST, least[vertices])), row, neighbour, np.ascontiguousarray(corner[vertices], np.int32),
         single(binding.share[vertices]), np.zeros((len(vertices), 3), np.float32),
         single(np.minimum(1.0, rings[vertices] / (band + 1))), float(friction), float(density),
     )  # fmt: skip

@@ -42,6 +42,21 @@ class Skin:
         """The same surface elsewhere."""
         return Skin(points, normals, self.triangles, self.side, self.shared)
 
+    def toward(self, other: Skin, share: float) -> Skin:
+        """A share of the way to where the same surface is."""
+        if share == 1:
+            return other
+        part = np.float32(share)
+        return other.at(self.points + part * (other.points - self.points), self.normals + part * (other.normals - self.normals))
+
+    def under(self, points: Single, normals: Single, triangles: Ints, shared: dict[str, NDArray]) -> Skin:
+        """With a cloth on it, points (n,3), normals and triangles; `shared`: of this pair."""
+        if "triangles" not in shared:
+            shared["triangles"] = np.concatenate([self.triangles, triangles + np.int32(len(self.points))])
+            shared["side"] = np.concatenate([self.side, np.zeros(len(points), np.int8)])
+        both = [np.concatenate(pair) for pair in ((self.points, points), (self.normals, normals))]
+        return Skin(both[0], both[1], shared["triangles"], shared["side"], shared)
+
     @cached_property
     def both(self) -> Single:
         """(V,6) points and normals."""

@@ -43,10 +43,11 @@ class Rough:
 
 
 def made(
-    sheet: Sheet, x: Floats, height: Floats, mine: NDArray[np.bool_], kept: NDArray[np.bool_], rings: Ints, band: int
+    sheet: Sheet, x: Floats, least: Floats, mine: NDArray[np.bool_], kept: NDArray[np.bool_], rings: Ints, band: int
 ) -> Rough | None:
     """A rough mesh of the vertices `mine` (n,) of a garment at x (n,3), and a band beside them of those `kept` (n,) that
-    other layers move; None where there is not enough for one. height (n,) metres from the skin; rings (n,): how many sides each is from `kept` ones."""
+    other layers move; None where there is not enough for one. least (n,) metres from the skin;
+    rings (n,): how many sides each is from `kept` ones."""
     beside = mine.copy()
     for _ in range(2):  # what other layers move holds the rough mesh at its border
         beside[sheet.edges[beside[sheet.edges].any(axis=1)].ravel()] = True
@@ -74,7 +75,7 @@ def made(
         seeds.astype(np.int32), cloth, border, around, fine, np.ascontiguousarray(coarse[bound.face], np.int32),
         bound.share.astype(np.float32), bound.offset.astype(np.float32),
         np.minimum(1.0, rings[fine] / (band + 1)).astype(np.float32),
-        np.minimum(LEAST, height[fine]).astype(np.float32),
+        least[fine].astype(np.float32),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,6 +71,18 @@ class Sheet:
     @cached_property
     def _sides(self) -> tuple[Ints, Ints]:
         return sides(self.triangles)
+
+
+def joined(sheets: Sequence[Sheet]) -> Sheet:
+    """Several sheets as one, vertices and fabrics of each after those of the one before."""
+    counts = np.cumsum([0, *(s.count for s in sheets)])
+    fabrics = np.cumsum([0, *(len(s.fabrics) for s in sheets)])
+    return Sheet(
+        np.concatenate([s.triangles + np.int32(n) for s, n in zip(sheets, counts)]),
+        np.concatenate([s.material for s in sheets]),
+        np.concatenate([s.fabric + np.int32(n) for s, n in zip(sheets, fabrics)]),
+        tuple(f for s in sheets for f in s.fabrics),
+    )
 
 
 def sides(triangles: Ints) -> tuple[Ints, Ints]:

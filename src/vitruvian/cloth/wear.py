@@ -5,7 +5,7 @@ Source: seed 003, sections 5.2 and 5.3.1; note cloth.md, section 6.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.layers import Anatomy, anatomy, sort
 from vitruvian.cloth.moving import Passing, Skin
 from vitruvian.cloth.placing import LEGS, largest
+from vitruvian.cloth.sheet import joined
 from vitruvian.cloth.solver import assemble, step
 from vitruvian.cloth.worn import Now, Worn, begun, made, moved
 from vitruvian.deform.deformer import Deformer
@@ -28,6 +29,7 @@ FORK = ("l_hip", "r_hip")
 ARMS = np.radians(20.0)  # beside the trunk, where cloth is bound
 LOWERING, SETTLING = 90, 45  # frames from the pose that a garment was draped in to that, and at rest there
 ARM = ("upper_arm", "forearm", "hand")
+LEAST, BESIDE = 0.003, 0.03  # metres: between cloths and skin; from the feet of cloth below to what is over it
 ENTRY = 40  # frames from the pose that a garment was draped in to the first that is shown
 # Poses in which it is seen what cloth stays with: joints and their rotation vectors, radians; l_ stands for both sides,
 # mirrored, and what is named by its side is for that side alone
@@ -101,32 +103,47 @@ def wear(
     painted: Mapping[int, int] | None = None,
     gap: float = 0.0,
     pose: Floats | None = None,
-) -> Prepared:
-    """A garment ready to be worn in real time by the person that it was draped on.
+) -> tuple[Prepared, ...]:
+    """A garment, after those that it is worn over, innermost first, ready to be worn in real time by the person that they
+    were draped on.
 
     edges: region (see `vitruvian.cloth.layers.REGIONS`) -> metres from the skin up to which cloth is tight, and loose;
-    painted: vertex -> layer, what a person decided; gap: metres that floating cloth keeps from itself, 0: passes through;
-    pose (J,4,4): joint matrices that it is bound in, None: standing, see `stood`.
+    painted: vertex of the garment -> layer, what a person decided; gap: metres that floating cloth keeps from itself, 0:
+    passes through; pose (J,4,4): joint matrices that it is bound in, None: standing, see `stood`.
     """
-    matrices = stood(person.run.body.skeleton) if pose is None else pose
-    x = led(garment, person, matrices)
+    skeleton = person.run.body.skeleton
+    matrices = stood(skeleton) if pose is None else pose
     skin, joints = person.at(matrices)
-    triangles = garment.triangles
-    binding = _bound(skin, x, sides(person, garment))
-    trained = []
-    for matrices in training(person.run.body.skeleton):
-        there, _ = person.at(matrices)
-        points, normals = there.points.astype(np.float64), there.normals.astype(np.float64)
-        trained.append((points, binding.at(points, normals)))
-    index = person.run.body.skeleton.index
-    hips = [joints[index[j], 1] for j in FORK if j in index]
-    layer, bridging = sort(
-        binding, x, triangles, person.regions, person.known, trained, edges=edges,
-        crotch=_crotch(skin, person, hips), painted=painted,
-    )  # fmt: skip
-    regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
-    worn = made(garment.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, gap=gap)
-    return Prepared(garment, worn, matrices, x)
+    poses = [person.at(m)[0] for m in training(skeleton)]
+    poses = [(there.points.astype(np.float64), there.normals.astype(np.float64)) for there in poses]
+    hips = [joints[skeleton.index[j], 1] for j in FORK if j in skeleton.index]
+    garments, out = (*garment.below, garment), []
+    inner: list[tuple[Floats, Floats]] = []  # of what is below: feet, and heights over the skin
+    for own, x in zip(garments, led(garments, person, matrices)):
+        binding = _bound(skin, x, sides(person, own))
+        foot = np.einsum("nk,nkx->nx", binding.share, skin.points[binding.triangles[binding.face]])
+        trained = [(points, binding.at(points, normals)) for points, normals in poses]
+        layer, bridging = sort(
+            binding, x, own.triangles, person.regions, person.known, trained, edges=edges,
+            crotch=_crotch(skin, person) if hips else None, painted=painted if own is garment else None,
+        )  # fmt: skip
+        regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
+        least = _raised(foot, inner)
+        worn = made(own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, least, gap=gap)
+        out.append(Prepared(own, worn, matrices, x))
+        inner.append((foot, binding.offset[:, 2]))
+    return tuple(out)
+
+
+def _raised(foot: Floats, inner: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """(n,) metres from the skin that cloth with feet (n,3) keeps at least, for what is worn below it there."""
+    from scipy.spatial import cKDTree
+
+    out = np.full(len(foot), LEAST)
+    for feet_below, heights in inner:
+        far, near = cKDTree(feet_below).query(foot)
+        out = np.where(far < BESIDE, np.maximum(out, heights[near] + LEAST), out)
+    return out
 
 
 def sides(person: Wearer, garment: Garment) -> Ints:
@@ -165,22 +182,24 @@ def stood(skeleton: Skeleton, *, arms: float = ARMS) -> Floats:
     return pose_matrices(skeleton, rotation, np.zeros((1, len(skeleton), 3)))[0]
 
 
-def led(garment: Garment, person: Wearer, matrices: Floats) -> Floats:
-    """(n,3) metres: how a garment hangs in a pose, led there from the one that it was draped in, whole and with contact
-    between its parts."""
-    skeleton, start = person.run.body.skeleton, garment.matrices
-    start = matrices[0] @ np.linalg.inv(start[0]) @ start  # where it is to be, so that nothing is flung there
-    turn = start[0] @ np.linalg.inv(garment.matrices[0])
-    cloth = assemble(garment.sheet, gap=max(1e-3, *(f.thickness for f in garment.sheet.fabrics)))
-    state, before = cloth.state(garment.vertices @ turn[:3, :3].T + turn[:3, 3]), person.at(start)[0]
-    home = sides(person, garment) > 0
+def led(garments: Sequence[Garment], person: Wearer, matrices: Floats) -> list[Floats]:
+    """(n,3) metres each: how garments over each other hang in a pose, led there from the one that they were draped in,
+    whole and with contact between them."""
+    skeleton, first = person.run.body.skeleton, garments[-1].matrices
+    turn = matrices[0] @ np.linalg.inv(first[0])  # where it is to be, so that nothing is flung there
+    start = turn @ first
+    sheet, x = joined([g.sheet for g in garments]), np.concatenate([g.vertices for g in garments])
+    cloth = assemble(sheet, gap=max(1e-3, *(f.thickness for f in sheet.fabrics)))
+    state, before = cloth.state(x @ turn[:3, :3].T + turn[:3, 3]), person.at(start)[0]
+    home = np.concatenate([sides(person, g) > 0 for g in garments])
     free = np.zeros(len(home), bool)
     for k in range(1, LOWERING + SETTLING + 1):
         share = min(1.0, k / LOWERING)
         skin = person.at(between(skeleton, start, matrices, share * share * (3 - 2 * share)))[0]
         state = step(cloth, state, obstacle=Passing(skin, before, home, free), damping=2.0)
         before = skin
-    return state.x.astype(np.float64)
+    ends = np.cumsum([0, *(len(g.vertices) for g in garments)])
+    return [state.x[a:b].astype(np.float64) for a, b in zip(ends, ends[1:])]
 
 
 def entered(prepared: Prepared, person: Wearer, matrices: Floats, *, frames: int = ENTRY) -> Now:
@@ -221,11 +240,8 @@ def training(skeleton: Skeleton) -> list[Floats]:
     return out
 
 
-def _crotch(skin: Skin, person: Wearer, hips: list[float]) -> float | None:
-    """Height where the legs part: the lowest of the trunk between them."""
-    if not hips:
-        return None
-    trunk = person.regions == 0
-    used = np.zeros(len(trunk), bool)
+def _crotch(skin: Skin, person: Wearer) -> float:
+    """Height where the legs part, metres: the lowest of the trunk."""
+    used = np.zeros(len(person.regions), bool)
     used[skin.triangles.ravel()] = True
-    return float(skin.points[trunk & used, 1].min())
+    return float(skin.points[(person.regions == 0) & used, 1].min())

@@ -59,11 +59,12 @@ class Worn:
 
 @dataclass(frozen=True, eq=False)
 class Now:
-    """Where a worn garment is: x (n,3) metres on a skin, the feet (n,3) of its vertices and the normals there, the joints
+    """Where a worn garment is: x (n,3) metres on a skin, what floating cloth meets, the feet (n,3) of its vertices and the normals there, the joints
     (J,3), and what each layer remembers."""
 
     x: Single
     skin: Skin
+    met: Skin
     foot: Single
     up: Single
     joints: Floats
@@ -74,12 +75,13 @@ class Now:
 
 def made(
     sheet: Sheet, x: Floats, binding: Binding, layer: Ints, regions: Ints, bones: Ints, skin: Skin, joints: Floats,
-    bridging: NDArray[np.bool_], *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
+    bridging: NDArray[np.bool_], least: Floats, *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
 ) -> Worn:  # fmt: skip
     """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
 
     layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
-    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that move apart. gap: metres that floating cloth keeps from itself, 0: none.
+    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that move apart; least (n,)
+    metres that loose cloth keeps from the skin. gap: metres that floating cloth keeps from itself, 0: none.
     """
     x = floats(x, "x", len(layer), 3)
     hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
@@ -90,18 +92,18 @@ def made(
         sheet, layer, np.ascontiguousarray(binding.triangles[binding.face], np.int32), single(binding.share),
         single(binding.offset),
         about.made(sheet, x, binding, hanging, around, regions, bones, joints, rings(sheet.edges, around & ~hanging),
-                   skin, gravity, BAND),
-        roughly.made(sheet, x, binding.offset[:, 2], others, around, rings(sheet.edges, around & ~others), BAND),
+                   least, skin, gravity, BAND),
+        roughly.made(sheet, x, np.minimum(least, binding.offset[:, 2]), others, around, rings(sheet.edges, around & ~others), BAND),
         _floating(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0, bridging),
     )  # fmt: skip
 
 
-def begun(worn: Worn, skin: Skin, joints: Floats) -> Now:
-    """The garment as it is bound to a skin, at rest on it. joints (J,3) metres."""
+def begun(worn: Worn, skin: Skin, joints: Floats, below: Skin | None = None) -> Now:
+    """The garment as it is bound to a skin, at rest on it. joints (J,3) metres; below: see `moved`."""
     foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
     limbs, rough, floating = worn.limbs, worn.rough, worn.floating
     return Now(
-        x, skin, foot, up, joints,
+        x, skin, skin if below is None else below, foot, up, joints,
         None if limbs is None else about.begun(x[limbs.vertices], foot[limbs.vertices]),
         None if rough is None else rough.cloth.state(x[rough.vertices]),
         None if floating is None else floating.cloth.state(x[floating.vertices]),
@@ -110,31 +112,28 @@ def begun(worn: Worn, skin: Skin, joints: Floats) -> Now:
 
 def moved(
     worn: Worn, now: Now, skin: Skin, joints: Floats, *, dt: float = FRAME, gravity: ArrayLike = GRAVITY,
-    wind: ArrayLike | None = None, steps: int = STEPS,
+    wind: ArrayLike | None = None, steps: int = STEPS, below: Skin | None = None,
 ) -> Now:  # fmt: skip
     """The garment `dt` seconds later, on the skin as it is then. joints (J,3) metres; wind (3,) m/s; `steps` in a frame of
-    what floats.
+    what floats; below: the skin with what is worn below this, if anything is, which floating cloth meets instead.
 
     A body that is suddenly elsewhere takes its clothes with it, as they are bound to it; a long frame counts as several.
     """
     require(0 < dt < 10, "dt", "up to 10 seconds", dt)
     if np.linalg.norm(joints[0] - now.joints[0]) > JUMP * max(1.0, dt / FRAME):
-        return begun(worn, skin, joints)
+        return begun(worn, skin, joints, below)
     pieces = min(MOST, int(np.ceil(dt / LONGEST - 1e-6)))
     start, first = now.skin, now.joints
+    met, meets = now.met, skin if below is None else below
     for k in range(1, pieces + 1):
-        share = np.float32(k / pieces)
-        there = skin
-        if k < pieces:
-            there = skin.at(start.points + share * (skin.points - start.points),
-                            start.normals + share * (skin.normals - start.normals))  # fmt: skip
-        now = _moved(worn, now, there, first + (k / pieces) * (joints - first), min(dt / pieces, LONGEST), gravity,
-                     wind, steps)  # fmt: skip
+        share = k / pieces
+        now = _moved(worn, now, start.toward(skin, share), met.toward(meets, share), first + share * (joints - first),
+                     min(dt / pieces, LONGEST), gravity, wind, steps)  # fmt: skip
     return now
 
 
 def _moved(
-    worn: Worn, now: Now, skin: Skin, joints: Floats, dt: float, gravity: ArrayLike, wind: ArrayLike | None, steps: int
+    worn: Worn, now: Now, skin: Skin, met: Skin, joints: Floats, dt: float, gravity: ArrayLike, wind: ArrayLike | None, steps: int
 ) -> Now:
     foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
     limbs, rough, floating = now.limbs, now.rough, now.floating
@@ -152,10 +151,10 @@ def _moved(
         pull = np.asarray(gravity, np.float64) + slow * drift  # the air moves along: else clothes lag behind a walk
         floating = step(
             f.cloth, floating, dt=dt, substeps=steps, gravity=(pull[0], pull[1], pull[2]), damping=slow,
-            targets=x[f.vertices[f.border]], obstacle=Passing(skin, now.skin, f.home, f.bridging), wind=wind,
+            targets=x[f.vertices[f.border]], obstacle=Passing(met, now.met, f.home, f.bridging), wind=wind,
         )  # fmt: skip
         x[f.vertices] = floating.x
-    return Now(x, skin, foot, up, joints, limbs, rough, floating)
+    return Now(x, skin, met, foot, up, joints, limbs, rough, floating)
 
 
 def _floating(sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], bridging: NDArray[np.bool_]) -> Floating | None:

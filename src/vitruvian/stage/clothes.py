@@ -6,7 +6,7 @@ Source: seed 003, sections 5.3.2 and 6.3; note cloth.md, section 7.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +50,13 @@ class Dress:
     cloth: Cloth
     now: Now | None = None
     matrices: Floats | None = None
+    shared: dict[str, NDArray] = field(default_factory=dict)  # of it and what is below
+
+    def show(self, stage: Stage) -> None:
+        """Its points are those of its actor in this tick."""
+        assert self.now is not None
+        own = stage.draft(self.actor.name)
+        own.vertices, own.run, own.of = self.now.x, self.cloth, own.matrices
 
 
 class Wardrobe:
@@ -67,27 +74,34 @@ class Wardrobe:
             points = draft.vertices
             if points is None or len(points) != len(person.skin.points):  # at another level of detail, or left to the page
                 points = person.run(draft.matrices)
-            skin = joints = None
-            for dress in dresses:
-                same = dress.matrices is draft.matrices
-                if dress.now is None or not same or dt > 0 or stage.leapt:
-                    if skin is None:
-                        skin, joints = person.on(points), person.joints(draft.matrices)
-                    if dress.now is None or stage.leapt:
-                        worn = dress.prepared
-                        dress.now = entered(worn, person, draft.matrices) if dress.now is None else begun(worn.worn, skin, joints)
-                        for _ in range(CALMING):
-                            dress.now = moved(worn.worn, dress.now, skin, joints)
-                    else:
-                        dress.now = moved(dress.prepared.worn, dress.now, skin, joints, dt=dt or FRAME, wind=self.wind)
-                    dress.matrices = draft.matrices
-                own = stage.draft(dress.actor.name)
-                own.vertices, own.run, own.of = dress.now.x, dress.cloth, own.matrices
+            same = all(d.matrices is draft.matrices for d in dresses)
+            if same and dt == 0 and not stage.leapt:
+                for dress in dresses:
+                    dress.show(stage)
+                continue
+            skin, joints = person.on(points), person.joints(draft.matrices)
+            met = skin
+            for k, dress in enumerate(dresses):
+                worn = dress.prepared.worn
+                if dress.now is None:
+                    dress.now = entered(dress.prepared, person, draft.matrices)
+                if dress.matrices is None or stage.leapt:
+                    dress.now = begun(worn, skin, joints, met) if stage.leapt else replace(dress.now, met=met)
+                    for _ in range(CALMING):
+                        dress.now = moved(worn, dress.now, skin, joints, below=met)
+                else:
+                    dress.now = moved(worn, dress.now, skin, joints, dt=dt or FRAME, wind=self.wind, below=met)
+                dress.matrices = draft.matrices
+                dress.show(stage)
+                if k + 1 < len(dresses):
+                    x = dress.now.x
+                    met = met.under(x, dress.cloth.normals(x), dress.prepared.garment.triangles, dress.shared)
 
 
-def dressed(stage: Stage, name: str, garments: Sequence[Garment | Prepared]) -> Wardrobe:
-    """Have an actor of a stage wear garments that were draped on its body: each becomes an actor called `garment`, or
-    `garment-NAME` of several. The stage does not leave out ticks from then on.
+def dressed(stage: Stage, name: str, garments: Sequence[Prepared] | Garment) -> Wardrobe:
+    """Have an actor of a stage wear a garment that was draped on its body, with those below it, or what
+    `vitruvian.cloth.wear.wear` has made of it, innermost first: each becomes an actor called `garment`, or `garment-NAME`
+    of several. The stage does not leave out ticks from then on.
 
     Raises VitruvianError for an actor without joints and garments of another body.
     """
@@ -104,18 +118,21 @@ def dressed(stage: Stage, name: str, garments: Sequence[Garment | Prepared]) -> 
 
         run = deformer(actor.deformer, actor.body, **actor.options)
     person = wearer(run)
-    dresses = []
-    for garment in garments:
-        prepared = garment if isinstance(garment, Prepared) else wear(garment, person)
-        made = prepared.garment
+    prepared = wear(garments, person) if isinstance(garments, Garment) else tuple(garments)
+    before = wardrobe.worn.get(name, (actor, person, []))[2]
+    dresses = list(before)
+    for one in prepared:
+        made = one.garment
         uv, corners = charted(made)
-        title = "garment" if len(garments) == 1 and "garment" not in stage.actors else f"garment-{made.name}"
+        alone = len(prepared) == 1 and "garment" not in stage.actors
+        title, n = "garment" if alone else f"garment-{made.name}", 2
+        while title in stage.actors:
+            title, n = f"garment-{made.name} {n}", n + 1
         color = np.tile(COLOURS[len(dresses) % len(COLOURS)], (len(made.vertices), 1))
-        mesh = Mesh(prepared.x, made.triangles, uv, color, title, uv_triangles=corners)
+        mesh = Mesh(one.x, made.triangles, uv, color, title, uv_triangles=corners)
         thing = Actor(title, mesh=mesh, on=actor)
         stage.enter(thing)
-        dresses.append(Dress(thing, prepared, Cloth(incidence(prepared.x, made.triangles))))
-    before = wardrobe.worn.get(name, (actor, person, []))[2]
-    wardrobe.worn[name] = (actor, person, [*before, *dresses])
+        dresses.append(Dress(thing, one, Cloth(incidence(one.x, made.triangles))))
+    wardrobe.worn[name] = (actor, person, dresses)
     stage.step(0)
     return wardrobe
