@@ -13,6 +13,7 @@ from vitruvian.cloth.obstacle import MOST, OFFSET, neighbours
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
+AROUND = 0.1  # metres about cloth in which it can meet something
 SHALLOW = 0.01  # metres that cloth may be in an arm and still be pushed out of it
 
 
@@ -28,15 +29,12 @@ class Skin:
     shared: dict[str, NDArray] = field(default_factory=dict, repr=False)
 
     @property
-    def parts(self) -> tuple[tuple[Ints, NDArray[np.int64]], tuple[Ints, NDArray[np.int64]]]:
-        """Triangles of the body without arms, which and their corners, and of arms."""
+    def parts(self) -> tuple[Ints, Ints]:
+        """Triangles (t,) of the body without arms, and of arms."""
         if "arms" not in self.shared:
-            self.shared["arms"] = (self.side[self.triangles] > 0).all(axis=1)
-            for key, some in (("body", ~self.shared["arms"]), ("limbs", self.shared["arms"])):
-                self.shared[key] = np.flatnonzero(some)
-                self.shared[key + " corners"] = self.triangles[some].astype(np.int64)
-        s = self.shared
-        return (s["body"], s["body corners"]), (s["limbs"], s["limbs corners"])
+            arms = (self.side[self.triangles] > 0).all(axis=1)
+            self.shared["body"], self.shared["arms"] = np.flatnonzero(~arms), np.flatnonzero(arms)
+        return self.shared["body"], self.shared["arms"]
 
     def at(self, points: Single, normals: Single) -> Skin:
         """The same surface elsewhere."""
@@ -120,22 +118,33 @@ class Passing:
         return float(np.sqrt(np.einsum("vx,vx->v", way, way).max(initial=0)))
 
     def nearest(self, points: Floats) -> tuple[Floats, Ints]:
-        """Distances (n,) of points (n,3) to what they meet of the skin as it is at the begin, and the triangles (n,) that
-        are nearest."""
-        import igl
-
-        points, x = np.ascontiguousarray(points, np.float64), self.before.points.astype(np.float64)
+        """Distances (n,) of points (n,3) to the middles of the triangles that they meet of the skin as it is at the begin,
+        and which those are (n,): from there the solver goes on to what is nearest."""
         body, arms = self.skin.parts
-        squared, face, _ = igl.point_mesh_squared_distance(points, x, body[1])[:3]
-        far, face = np.sqrt(np.asarray(squared).reshape(-1)), body[0][np.asarray(face).reshape(-1)]
-        if len(arms[0]):
-            other, on, foot = igl.point_mesh_squared_distance(points, x, arms[1])[:3]
-            other, on = np.sqrt(np.asarray(other).reshape(-1)), arms[0][np.asarray(on).reshape(-1)]
-            up = np.einsum("nx,nx->n", points - np.asarray(foot).reshape(-1, 3),
-                           self.before.normals[self.triangles[on]].mean(axis=1))  # fmt: skip
+        far, face = _nearest(points, self.before, body)
+        if len(arms):
+            other, on = _nearest(points, self.before, arms)
+            corner = self.triangles[on, 0]
+            up = np.einsum("nx,nx->n", points - self.before.points[corner], self.before.normals[corner])
             meets = (other < far) & (self.home | (up > -SHALLOW))
             far, face = np.where(meets, other, far), np.where(meets, on, face)
         return far, np.where(self.bridging, -1, face).astype(np.int32)
+
+
+def _nearest(points: Floats, skin: Skin, faces: Ints) -> tuple[Floats, Ints]:
+    """Of points (n,3): how far the middle of the nearest of the faces is, and which. Those far from all are left out."""
+    from scipy.spatial import cKDTree
+
+    corner = skin.triangles[faces]
+    x = skin.points[corner[:, 0]]
+    low, high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
+    some = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
+    if not len(some):
+        some = np.arange(len(faces))
+    corner = corner[some]
+    middle = (skin.points[corner[:, 0]] + skin.points[corner[:, 1]] + skin.points[corner[:, 2]]) / 3
+    far, near = cKDTree(middle, balanced_tree=False, compact_nodes=False).query(points)
+    return far, faces[some[near]]
 
 
 @dataclass(frozen=True, eq=False)
