@@ -37,9 +37,7 @@ class Binding:
         return foot + np.einsum("nij,nj->ni", frame, self.offset)
 
 
-def bind(
-    skin: Floats, triangles: Ints, x: Floats, faces: Ints | None = None, normals: Floats | None = None
-) -> Binding:
+def bind(skin: Floats, triangles: Ints, x: Floats, faces: Ints | None = None, normals: Floats | None = None) -> Binding:
     """Vertices (n,3) of a cloth bound to a skin, vertices (V,3) and triangles (t,3), metres; faces (m,3) of the cloth say
     which way it faces. normals (V,3): of the skin; None: weighted by angles."""
     x, skin = floats(x, "positions", None, 3), floats(skin, "skin", None, 3)

@@ -127,7 +127,9 @@ def sort(
         bridging &= ~skirt
     layer = _cleaned(layer, triangles)
     for vertex, value in (painted or {}).items():
-        require(0 <= vertex < n and value in (TIGHT, LOOSE, FLOATING), "painted", "vertices and layers", (vertex, value))
+        require(
+            0 <= vertex < n and value in (TIGHT, LOOSE, FLOATING), "painted", "vertices and layers", (vertex, value)
+        )
         layer[vertex] = value
     return layer.astype(np.int32), bridging
 

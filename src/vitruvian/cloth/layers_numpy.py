@@ -36,7 +36,9 @@ def cloth_limbs(
     g, air = numbers[6:9].astype(np.float64), numbers[9:12].astype(np.float64)
     s, n, low = (a[vertex].astype(np.float64) for a in (foot, up, foot_before))
     sdot, was, floor = (s - low) / h, r.astype(np.float64), least.astype(np.float64)[:, None]
-    far = reach(n, axis.astype(np.float64)[bone], g, radius.astype(np.float64), room.astype(np.float64), floor[:, 0])[:, None]
+    far = reach(n, axis.astype(np.float64)[bone], g, radius.astype(np.float64), room.astype(np.float64), floor[:, 0])[
+        :, None
+    ]
     speed = sdot + (v - sdot) * np.exp(-damping * h) + h * g
     if density > 0:
         meet = _dot(air - speed, n)

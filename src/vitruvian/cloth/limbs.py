@@ -84,7 +84,10 @@ def made(
         room[own] = np.maximum(0.0, np.interp(at, middle, mean[1] - mean[0]))
     row, neighbour = _neighbours(sheet.edges, mine)
     height = binding.offset[vertices, 2]
-    friction, density = sheet.of_vertices("friction_body")[vertices].mean(), sheet.of_vertices("density")[vertices].mean()
+    friction, density = (
+        sheet.of_vertices("friction_body")[vertices].mean(),
+        sheet.of_vertices("density")[vertices].mean(),
+    )
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     limbs = Limbs(
         vertices, bone.reshape(-1).astype(np.int32), np.ascontiguousarray(bones[used], np.int32), single(radius), single(room),
@@ -94,7 +97,10 @@ def made(
     )  # fmt: skip
     # what the drape has and the half-balls have not, so that it comes to lie as it was draped
     still, up, _ = feet(skin, limbs.corner, limbs.share, limbs.fold)
-    state, (_, _, draped) = begun(x[vertices], still), feet(skin, limbs.corner, limbs.share, single(binding.offset[vertices]))
+    state, (_, _, draped) = (
+        begun(x[vertices], still),
+        feet(skin, limbs.corner, limbs.share, single(binding.offset[vertices])),
+    )
     for _ in range(SETTLING):
         state = hung(limbs, state, still, still, up, joints, FRAME, gravity, None)
     _, frame = frames(skin.points.astype(np.float64), binding.triangles, binding.face[vertices], binding.share[vertices],

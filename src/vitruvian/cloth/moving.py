@@ -45,7 +45,9 @@ class Skin:
         if share == 1:
             return other
         part = np.float32(share)
-        return other.at(self.points + part * (other.points - self.points), self.normals + part * (other.normals - self.normals))
+        return other.at(
+            self.points + part * (other.points - self.points), self.normals + part * (other.normals - self.normals)
+        )
 
     def under(self, points: Single, normals: Single, triangles: Ints, shared: dict[str, NDArray]) -> Skin:
         """With a cloth on it, points (n,3), normals and triangles; `shared`: of this pair."""

@@ -140,7 +140,9 @@ def thinned(x: Floats, triangles: Ints, domain: NDArray[np.bool_], count: int) -
     number[chosen] = np.arange(len(chosen))
     owner = number[np.where(source < 0, n, source)]
     face = owner[triangles]
-    some = (face >= 0).all(axis=1) & (face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])
+    some = (
+        (face >= 0).all(axis=1) & (face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])
+    )
     face = face[some]
     _, first = np.unique(np.sort(face, axis=1), axis=0, return_index=True)
     return chosen.astype(np.int32), face[np.sort(first)].astype(np.int32)

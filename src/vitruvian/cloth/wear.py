@@ -114,8 +114,8 @@ def wear(
     skeleton = person.run.body.skeleton
     matrices = stood(skeleton) if pose is None else pose
     skin, joints = person.at(matrices)
-    poses = [person.at(m)[0] for m in training(skeleton)]
-    poses = [(there.points.astype(np.float64), there.normals.astype(np.float64)) for there in poses]
+    there = [person.at(m)[0] for m in training(skeleton)]
+    poses = [(s.points.astype(np.float64), s.normals.astype(np.float64)) for s in there]
     hips = [joints[skeleton.index[j], 1] for j in FORK if j in skeleton.index]
     garments, out = (*garment.below, garment), []
     inner: list[tuple[Floats, Floats]] = []  # of what is below: feet, and heights over the skin

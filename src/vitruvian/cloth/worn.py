@@ -133,7 +133,15 @@ def moved(
 
 
 def _moved(
-    worn: Worn, now: Now, skin: Skin, met: Skin, joints: Floats, dt: float, gravity: ArrayLike, wind: ArrayLike | None, steps: int
+    worn: Worn,
+    now: Now,
+    skin: Skin,
+    met: Skin,
+    joints: Floats,
+    dt: float,
+    gravity: ArrayLike,
+    wind: ArrayLike | None,
+    steps: int,
 ) -> Now:
     foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
     limbs, rough, floating = now.limbs, now.rough, now.floating
@@ -157,7 +165,9 @@ def _moved(
     return Now(x, skin, met, foot, up, joints, limbs, rough, floating)
 
 
-def _floating(sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], bridging: NDArray[np.bool_]) -> Floating | None:
+def _floating(
+    sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], bridging: NDArray[np.bool_]
+) -> Floating | None:
     """What floats, with the vertices around it."""
     some = (layer[sheet.triangles] == FLOATING).any(axis=1)
     if not some.any():
@@ -165,7 +175,9 @@ def _floating(sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], br
     vertices, triangles = np.unique(sheet.triangles[some], return_inverse=True)
     own = Sheet(triangles.reshape(-1, 3).astype(np.int32), sheet.material[some], sheet.fabric[some], sheet.fabrics)
     border = np.flatnonzero(layer[vertices] != FLOATING).astype(np.int32)
-    return Floating(vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border, home[vertices], bridging[vertices])
+    return Floating(
+        vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border, home[vertices], bridging[vertices]
+    )
 
 
 def rings(edges: Ints, start: NDArray[np.bool_], most: int = 16) -> Ints:

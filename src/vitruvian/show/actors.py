@@ -6,7 +6,7 @@ on the stage and sent quantised as well: they keep twists continuous past 180 de
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.seams import split_seams
 from vitruvian.body.types import Body, Part
+from vitruvian.cloth.garment import Garment
 from vitruvian.deform.hand_links import hands_of
 from vitruvian.errors import VitruvianError, warn
 from vitruvian.hanim.humanoid import Humanoid
@@ -67,6 +68,8 @@ class Actor:
     twin: Body | None = None  # the same body with contours, which the page compares with
     heat: Heat | FitView | None = None  # how far it is from another surface, or how clothes fit
     marked: Marked | None = None  # the markers that moved it
+    garment: Garment | None = None  # that it wears
+    on: Actor | None = None  # what it is placed with, as clothes are
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -105,10 +108,17 @@ def actors_on(stage: Stage, *, compare: bool = False) -> list[Actor]:
     for a in stage.actors.values():
         if a.body is None:
             assert a.mesh is not None
-            out.append(replace(_actor(a.mesh), name=a.name))
+            if a.on is None:
+                out.append(replace(_actor(a.mesh), name=a.name))
         else:
             out.append(replace(_moving(a.body, a.motion, a.deformer, a.humanoid), name=a.name))
     return _with_twin(out) if compare else out
+
+
+def clothes_on(stage: Stage, wearers: Mapping[str, Actor]) -> list[Actor]:
+    """What the actors of a stage wear, as pages see it."""
+    worn = [a for a in stage.actors.values() if a.on is not None and a.mesh is not None]
+    return [replace(_actor(a.mesh), name=a.name, on=wearers[a.on.name]) for a in worn]
 
 
 def _with_twin(actors: list[Actor]) -> list[Actor]:
@@ -152,7 +162,7 @@ def _actor(thing: object) -> Actor:
     if isinstance(thing, Body):
         return _moving(thing, None, "log")
     if isinstance(thing, Clip):
-        return _moving(thing.body, thing.motion, thing.deformer, thing.humanoid)
+        return replace(_moving(thing.body, thing.motion, thing.deformer, thing.humanoid), garment=thing.garment)
     raise VitruvianError(f"show: expected a Clip, Humanoid, Body or Mesh, found {type(thing).__name__}")
 
 
@@ -191,7 +201,7 @@ def mesh_message(actor: Actor, sent: Sent | None = None, *, twin: str = "") -> b
     sent = sent or Sent()
     warm, told = _warm(actor)
     if actor.mesh is not None:
-        return _still(actor.name, actor.mesh, warm, told)
+        return _still(actor, actor.mesh, warm, told)
     assert actor.body is not None
     body, skeleton, skin = actor.body, actor.body.skeleton, actor.body.skin
     source, triangles, uv = split_seams(skin)
@@ -261,13 +271,17 @@ def _warm(actor: Actor) -> tuple[list[Block], dict[str, Any]]:
     return blocks, {"heat": actor.heat.told()}
 
 
-def _still(name: str, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> bytes:
+def _still(actor: Actor, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> bytes:
+    name, way = actor.name, [0.0, 0.0, 0.0]
     blocks = [
         *warm,
         Block("rest", mesh.vertices.astype(np.float32), name),
         Block("triangles", mesh.triangles.astype(np.uint32), name),
     ]
-    if mesh.uv is not None:
+    if actor.on is not None and actor.on.body is not None:
+        blocks.append(Block("placement", actor.on.body.placement[:3].astype(np.float32), name))
+        way = actor.on.travel.tolist()
+    if mesh.uv is not None and mesh.uv_triangles is None:
         blocks.append(Block("uv", mesh.uv.astype(np.float32), name))
     if mesh.colors is not None:
         blocks.append(Block("colors", _bytes(mesh.colors), name))
@@ -282,7 +296,7 @@ def _still(name: str, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> by
         "parts": [_part(part)],
     }
     fields["features"] = features()
-    return encode("mesh", fields | {"deformer": "", "travel": [0, 0, 0], "frames": 1, "fps": 30.0}, blocks)
+    return encode("mesh", fields | {"deformer": "", "travel": way, "frames": 1, "fps": 30.0}, blocks)
 
 
 def _limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:

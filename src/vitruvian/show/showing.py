@@ -16,7 +16,7 @@ from vitruvian.body.hands import Rounding
 from vitruvian.body.rotations import inverse, multiply
 from vitruvian.body.types import Body
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, Actor, able, mesh_messages, pose_blocks
+from vitruvian.show.actors import PAGE, SERVED, Actor, able, clothes_on, mesh_messages, pose_blocks
 from vitruvian.show.keeping import Keeping
 from vitruvian.show.posing import Posing
 from vitruvian.show.searching import Search
@@ -55,6 +55,8 @@ class Showing:
         if stage is not None and stage.clock.length == math.inf and any(a.motion is not None for a in self.actors):
             stage.clock.length, stage.clock.last = self.frames / self.fps, (self.frames - 1) / self.fps
         self.stage = staged(self.actors, self.fps, self.frames, leave) if stage is None else stage
+        self.actors += clothes_on(self.stage, self.by_name)
+        self.by_name = {a.name: a for a in self.actors}
         self.keeping = keeping or Keeping()  # what pages may save
         self.search = Search()
         self.posing = Posing(self.stage)
@@ -242,7 +244,8 @@ class Showing:
             blocks += pose_blocks(actor, given, weights.astype(np.float32))
             if actor.marked is not None:
                 blocks.append(Block("markers", actor.marked.at(frame.time * actor.fps), actor.name))
-            if posed.vertices is None or posed.normals is None or posed.deformer not in SERVED:
+            cloth = player.on is not None
+            if posed.vertices is None or posed.normals is None or (posed.deformer not in SERVED and not cloth):
                 continue
             if posed.turns or posed.shift is not None:
                 blocks.append(Block("posed", _rows(posed.joints), actor.name))
@@ -256,7 +259,9 @@ def staged(actors: Sequence[Actor], fps: float, frames: int, leave: Sequence[str
     """A stage for actors of a page, which leaves some deformers to it."""
     players = []
     for a in actors:
-        players.append(Player(a.name, a.body, humanoid=a.humanoid, mesh=a.mesh, motion=a.motion, deformer=a.deformer))
+        player = Player(a.name, a.body, humanoid=a.humanoid, mesh=a.mesh, motion=a.motion, deformer=a.deformer)
+        player.garment = a.garment
+        players.append(player)
     stage = Stage(players, rate=ticks(fps, 1.0), length=frames / fps, last=(frames - 1) / fps, leave=leave)
     stage.clock.playing = frames > 1
     return stage

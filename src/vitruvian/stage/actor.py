@@ -23,6 +23,7 @@ from vitruvian.stage.clock import Clock
 from vitruvian.stage.extremities import stilled
 
 if TYPE_CHECKING:
+    from vitruvian.cloth.garment import Garment
     from vitruvian.deform.deformer import Deformer
 
 Single = NDArray[np.float32]
@@ -108,6 +109,7 @@ class Actor:
         self.name, self.body, self.humanoid, self.mesh = name, body, humanoid, mesh
         self.motion, self.deformer, self.options = motion, deformer, dict(options or {})
         self.on = on
+        self.garment: Garment | None = None  # to be worn on a stage
         self.levels: dict[int, Level] = {} if body is None else {0: Level(body)}
         self.level = 0
         self.still: frozenset[str] = frozenset()  # extremities that are off
@@ -297,5 +299,7 @@ def actor_of(thing: object) -> Actor:
         return Actor(thing.name or "figure", thing)
     if isinstance(thing, Clip):
         body, motion = thing.body, thing.motion
-        return Actor(body.name or "figure", body, humanoid=thing.humanoid, motion=motion, deformer=thing.deformer)
+        out = Actor(body.name or "figure", body, humanoid=thing.humanoid, motion=motion, deformer=thing.deformer)
+        out.garment = thing.garment
+        return out
     raise VitruvianError(f"stage: expected a Clip, Humanoid, Body, Mesh or Actor, found {type(thing).__name__}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vitruvian.body.types import Body, Floats, Ints, floats, indices, require
+from vitruvian.cloth.garment import Garment
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
 
@@ -43,15 +44,21 @@ class Clip:
     """One body with one motion on its own skeleton, drawn with one deformer.
 
     `humanoid` is the editable form the body was packed from: writers of H-Anim files want its names, Sites and the
-    nodes they do not understand. `motion` None means the file's own pose.
+    nodes they do not understand. `motion` None means the file's own pose. garment: what it wears, over what is `below`
+    that; it moves in real time on a Stage.
     """
 
     humanoid: Humanoid
     body: Body
     motion: Motion | None = None
     deformer: str = "log"
+    garment: Garment | None = None
 
     def __post_init__(self) -> None:
+        if self.garment is not None:
+            joints = len(self.body.skeleton)
+            found = f"one of {len(self.garment.matrices)} joints"
+            require(len(self.garment.matrices) == joints, "garment", f"one draped on this body of {joints} joints", found)
         if self.motion is not None:
             same = self.motion.skeleton.names == self.body.skeleton.names
             require(same, "motion", "a motion on this body's skeleton", "another skeleton; retarget it first")

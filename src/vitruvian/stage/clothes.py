@@ -72,7 +72,9 @@ class Wardrobe:
             if not len(draft.matrices):
                 continue
             points = draft.vertices
-            if points is None or len(points) != len(person.skin.points):  # at another level of detail, or left to the page
+            if points is None or len(points) != len(
+                person.skin.points
+            ):  # at another level of detail, or left to the page
                 points = person.run(draft.matrices)
             same = all(d.matrices is draft.matrices for d in dresses)
             if same and dt == 0 and not stage.leapt:

@@ -116,6 +116,11 @@ class Stage:
             self.workshop.prepare(actor)
         self.frame: Frame
         self.step(0)
+        for actor in list(self.actors.values()):
+            if actor.garment is not None:
+                from vitruvian.stage.clothes import dressed
+
+                dressed(self, actor.name, actor.garment)
 
     # what a stage is made of
 

@@ -155,7 +155,12 @@ export class Figure {
 
   /** Take a frame's blocks; deform again. */
   update(blocks) {
-    if (!this.isBody) return;
+    if (!this.isBody) { // cloth that the server moves
+      if (!blocks?.vertices) return;
+      wire.positions(blocks.vertices, this.positions);
+      wire.normals(blocks.normals, this.normals);
+      return this.upload();
+    }
     if (blocks?.pose) {
       this.given.set(blocks.pose.array);
       follow(this.given, this.kept, this.clip);
