@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vitruvian.errors import VitruvianError
 from vitruvian.cloth import layers, layers_numpy, limbs, rough, worn
 from vitruvian.cloth.binding import bind
 from vitruvian.cloth.fabric import fabric
 from vitruvian.cloth.moving import Skin, feet
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.deform.normals import incidence, mesh_normals
+from vitruvian.errors import VitruvianError
 from vitruvian.native import kernels
 
 RADIUS, ROOM = 0.05, 0.015
@@ -40,8 +40,9 @@ def cloth_of(points, triangles):
     return Sheet(triangles, rough._flat(points[triangles]), np.zeros(len(triangles), np.int32), (fabric("cotton"),))
 
 
-def sleeve(*, gravity=(0, -9.81, 0), turn=np.eye(3)):
+def sleeve(*, gravity=(0, -9.81, 0), turn=None):
     """A ring of cloth about a limb that is laid by `turn`: the skin, the limb's joints, the cloth, its half-balls."""
+    turn = np.eye(3) if turn is None else turn
     inner, triangles = tube(RADIUS)
     outer, _ = tube(RADIUS + ROOM)
     skin, x = skin_of(inner @ turn.T, triangles), outer @ turn.T
@@ -279,8 +280,8 @@ def test_kernels_do_what_their_twins_do():
         )
         arrays = (
             np.arange(n, dtype=np.int32), rng.integers(0, 3, n).astype(np.int32), rng.uniform(0.03, 0.1, n),
-            rng.uniform(0, 0.03, n), np.full(n, 0.003), row, neighbour, foot + 0.01 * rng.normal(size=(n, 3)), foot, up, axis,
-            0 * numbers if k == 0 else numbers,
+            rng.uniform(0, 0.03, n), np.full(n, 0.003), row, neighbour, foot + 0.01 * rng.normal(size=(n, 3)), foot, up,
+            axis, 0 * numbers if k == 0 else numbers,
         )  # fmt: skip
         arrays = [a if a.dtype == np.int32 else a.astype(np.float32) for a in arrays]
         arrays[-1][0] = 1 / 60

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Body, Floats, Ints, Skeleton, floats, indices, require
+from vitruvian.body.types import Body, Floats, Ints, Skeleton, indices, require
 from vitruvian.cloth.binding import Binding, feet
 
 TIGHT, LOOSE, FLOATING = 0, 1, 2
@@ -118,7 +118,7 @@ def sort(
     layer = np.where(far <= limits[where, 0], TIGHT, np.where(far <= limits[where, 1], LOOSE, FLOATING))
     layer[(layer == TIGHT) & (binding.offset[:, 2] < 0)] = LOOSE  # it lies inside: it is put right with what is loose
     loose = np.flatnonzero(layer == LOOSE)
-    layer[loose[_strays(binding, loose, where, regions, known, trained)]] = FLOATING
+    layer[loose[_strays(binding, loose.astype(np.int32), where, regions, known, trained)]] = FLOATING
     bridging = _torn(x, triangles, trained)
     layer[bridging] = FLOATING
     if crotch is not None:

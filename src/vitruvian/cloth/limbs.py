@@ -55,8 +55,8 @@ def made(
 ) -> Limbs | None:  # fmt: skip
     """The vertices `mine` (n,) of a garment at x (n,3), bound to a skin, about limbs; None without any.
 
-    around (n,): the vertices that show how wide the rings of cloth are; bones (R,2) joints at the ends of each region's bone,
-    joints (J,3) metres; rings (n,): how many sides each vertex is from tight cloth, of which `band` make the change;
+    around (n,): the vertices that show how wide the rings of cloth are; bones (R,2) joints at the ends of each region's
+    bone, joints (J,3) metres; rings (n,): how many sides each vertex is from tight cloth, of which `band` make the change;
     least (n,) metres from the skin.
     """
     vertices = np.flatnonzero(mine).astype(np.int32)
@@ -90,10 +90,11 @@ def made(
     )
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     limbs = Limbs(
-        vertices, bone.reshape(-1).astype(np.int32), np.ascontiguousarray(bones[used], np.int32), single(radius), single(room),
-        single(np.clip(height, 0.5 * LEAST, least[vertices])), row, neighbour, np.ascontiguousarray(corner[vertices], np.int32),
-        single(binding.share[vertices]), np.zeros((len(vertices), 3), np.float32),
-        single(np.minimum(1.0, rings[vertices] / (band + 1))), float(friction), float(density),
+        vertices, bone.reshape(-1).astype(np.int32), np.ascontiguousarray(bones[used], np.int32), single(radius),
+        single(room), single(np.clip(height, 0.5 * LEAST, least[vertices])), row, neighbour,
+        np.ascontiguousarray(corner[vertices], np.int32), single(binding.share[vertices]),
+        np.zeros((len(vertices), 3), np.float32), single(np.minimum(1.0, rings[vertices] / (band + 1))),
+        float(friction), float(density),
     )  # fmt: skip
     # what the drape has and the half-balls have not, so that it comes to lie as it was draped
     still, up, _ = feet(skin, limbs.corner, limbs.share, limbs.fold)

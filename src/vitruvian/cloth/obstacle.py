@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,26 @@ from vitruvian.body.types import Floats, Ints, floats, indices, require
 
 OFFSET = 0.002  # metres between the skin and what lies on it
 MOST = 0.01  # metres that a substep pushes a vertex out at most
+
+
+class Meets(Protocol):
+    """What `vitruvian.cloth.solver.step` takes as the body: an `Obstacle`, or what knows as much."""
+
+    @property
+    def triangles(self) -> Ints: ...
+    @property
+    def neighbours(self) -> Ints: ...
+    @property
+    def start(self) -> NDArray[np.float32]: ...
+    @property
+    def end(self) -> NDArray[np.float32]: ...
+    @property
+    def reach(self) -> float: ...
+    @property
+    def offset(self) -> float: ...
+    @property
+    def most(self) -> float: ...
+    def nearest(self, points: Floats) -> tuple[Floats, Ints]: ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Floats, Ints
-from vitruvian.cloth.binding import bind, feet as nearest
+from vitruvian.cloth.binding import bind
 from vitruvian.cloth.moving import Planes, Skin, feet
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.cloth.solver import Cloth, State, assemble, step

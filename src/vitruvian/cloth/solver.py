@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
 from vitruvian.cloth.constraints import LEAST, Groups, grouped, hinges, membranes, stiffened, yielding
-from vitruvian.cloth.obstacle import Obstacle
+from vitruvian.cloth.obstacle import Meets
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.errors import VitruvianError
 from vitruvian.native import kernels
@@ -136,7 +136,7 @@ def step(
     damping: float | None = None,
     targets: ArrayLike | None = None,
     pairs: Pairs | None = None,
-    obstacle: Obstacle | None = None,
+    obstacle: Meets | None = None,
     wind: ArrayLike | None = None,
 ) -> State:
     """The state after `dt` seconds.

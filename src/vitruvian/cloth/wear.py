@@ -6,7 +6,7 @@ Source: seed 003, sections 5.2 and 5.3.1; note cloth.md, section 6.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.rotations import between as turn_between
 from vitruvian.body.rotations import from_matrix, from_vector, slerp
-from vitruvian.body.types import Body, Floats, Ints, Skeleton
+from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.cloth.binding import Binding, bind, feet
 from vitruvian.cloth.garment import Garment
 from vitruvian.cloth.layers import Anatomy, anatomy, sort
@@ -38,8 +38,10 @@ TRAINING: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {"*_shoulder": (-1.3, 0, 0), "*_elbow": (-0.5, 0, 0)},
     {"*_shoulder": (0.5, 0, 0.1), "*_elbow": (-1.4, 0, 0)},
     {"*_shoulder": (0, 0, 1.3)},
-    {"l_hip": (-0.6, 0, 0), "r_hip": (0.4, 0, 0), "r_knee": (0.5, 0, 0), "l_shoulder": (0.4, 0, 0.1), "r_shoulder": (-0.4, 0, -0.1)},
-    {"r_hip": (-0.6, 0, 0), "l_hip": (0.4, 0, 0), "l_knee": (0.5, 0, 0), "r_shoulder": (0.4, 0, -0.1), "l_shoulder": (-0.4, 0, 0.1)},
+    {"l_hip": (-0.6, 0, 0), "r_hip": (0.4, 0, 0), "r_knee": (0.5, 0, 0),
+     "l_shoulder": (0.4, 0, 0.1), "r_shoulder": (-0.4, 0, -0.1)},
+    {"r_hip": (-0.6, 0, 0), "l_hip": (0.4, 0, 0), "l_knee": (0.5, 0, 0),
+     "r_shoulder": (0.4, 0, -0.1), "l_shoulder": (-0.4, 0, 0.1)},
     {"*_hip": (-1.3, 0, 0.1), "*_knee": (1.3, 0, 0)},
     {"*_hip": (0, 0, 0.5)},
     {"vl3": (0.3, 0, 0), "vt10": (0.3, 0, 0), "*_shoulder": (-0.4, 0, 0.2)},
@@ -147,8 +149,8 @@ def _raised(foot: Floats, inner: Sequence[tuple[Floats, Floats]]) -> Floats:
 
 
 def sides(person: Wearer, garment: Garment) -> Ints:
-    """(n,) what each vertex of a garment is about: 1 the left arm, 2 the right one, 0 the rest of the body. Seen in the pose
-    that it was draped in, with the arms away from the trunk."""
+    """(n,) what each vertex of a garment is about: 1 the left arm, 2 the right one, 0 the rest of the body. Seen in the
+    pose that it was draped in, with the arms away from the trunk."""
     skin = person.at(garment.matrices)[0]
     face = feet(skin.points.astype(np.float64), skin.triangles, garment.vertices)[0]
     return skin.side[skin.triangles[face, 0]]

@@ -6,7 +6,7 @@ Source: seed 003, section 5.3.2; note cloth.md, section 7. All of it is in human
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from vitruvian.body.types import Floats, Ints, floats, require
 from vitruvian.cloth import limbs as about
 from vitruvian.cloth import rough as roughly
 from vitruvian.cloth.binding import Binding
-from vitruvian.cloth.layers import FLOATING, LOOSE, TIGHT
+from vitruvian.cloth.layers import FLOATING, LOOSE
 from vitruvian.cloth.limbs import Limbs
 from vitruvian.cloth.moving import Passing, Skin, feet
 from vitruvian.cloth.rough import Rough
@@ -59,8 +59,8 @@ class Worn:
 
 @dataclass(frozen=True, eq=False)
 class Now:
-    """Where a worn garment is: x (n,3) metres on a skin, what floating cloth meets, the feet (n,3) of its vertices and the normals there, the joints
-    (J,3), and what each layer remembers."""
+    """Where a worn garment is: x (n,3) metres on a skin, what floating cloth meets, the feet (n,3) of its vertices
+    and the normals there, the joints (J,3), and what each layer remembers."""
 
     x: Single
     skin: Skin
@@ -80,8 +80,9 @@ def made(
     """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
 
     layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
-    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that move apart; least (n,)
-    metres that loose cloth keeps from the skin. gap: metres that floating cloth keeps from itself, 0: none.
+    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that
+    move apart; least (n,) metres that loose cloth keeps from the skin. gap: metres that floating cloth keeps
+    from itself, 0: none.
     """
     x = floats(x, "x", len(layer), 3)
     hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
@@ -93,7 +94,8 @@ def made(
         single(binding.offset),
         about.made(sheet, x, binding, hanging, around, regions, bones, joints, rings(sheet.edges, around & ~hanging),
                    least, skin, gravity, BAND),
-        roughly.made(sheet, x, np.minimum(least, binding.offset[:, 2]), others, around, rings(sheet.edges, around & ~others), BAND),
+        roughly.made(sheet, x, np.minimum(least, binding.offset[:, 2]), others, around,
+                     rings(sheet.edges, around & ~others), BAND),
         _floating(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0, bridging),
     )  # fmt: skip
 

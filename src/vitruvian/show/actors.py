@@ -117,8 +117,8 @@ def actors_on(stage: Stage, *, compare: bool = False) -> list[Actor]:
 
 def clothes_on(stage: Stage, wearers: Mapping[str, Actor]) -> list[Actor]:
     """What the actors of a stage wear, as pages see it."""
-    worn = [a for a in stage.actors.values() if a.on is not None and a.mesh is not None]
-    return [replace(_actor(a.mesh), name=a.name, on=wearers[a.on.name]) for a in worn]
+    worn = [(a, a.mesh, a.on) for a in stage.actors.values() if a.on is not None and a.mesh is not None]
+    return [replace(_actor(mesh), name=a.name, on=wearers[on.name]) for a, mesh, on in worn]
 
 
 def _with_twin(actors: list[Actor]) -> list[Actor]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,15 @@ from vitruvian.stage.extremities import stilled
 
 if TYPE_CHECKING:
     from vitruvian.cloth.garment import Garment
-    from vitruvian.deform.deformer import Deformer
 
 Single = NDArray[np.float32]
 NEAR = 0.9995  # dot product of quaternions so close that a chord is as good as an arc, to 1e-6
+
+
+class Shaded(Protocol):
+    """What knows the normals (V,3) of points (V,3): a Deformer, or cloth."""
+
+    def normals(self, vertices: Single, /) -> Single: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +63,7 @@ class Posed:
     turns: Mapping[int, Floats]
     shaped: Mapping[int, float]
     shift: Floats | None = None
-    run: Deformer | None = field(default=None, repr=False)
+    run: Shaded | None = field(default=None, repr=False)
     path: Floats | None = field(default=None, repr=False)
 
     @cached_property

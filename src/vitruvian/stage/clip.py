@@ -58,7 +58,9 @@ class Clip:
         if self.garment is not None:
             joints = len(self.body.skeleton)
             found = f"one of {len(self.garment.matrices)} joints"
-            require(len(self.garment.matrices) == joints, "garment", f"one draped on this body of {joints} joints", found)
+            require(
+                len(self.garment.matrices) == joints, "garment", f"one draped on this body of {joints} joints", found
+            )
         if self.motion is not None:
             same = self.motion.skeleton.names == self.body.skeleton.names
             require(same, "motion", "a motion on this body's skeleton", "another skeleton; retarget it first")

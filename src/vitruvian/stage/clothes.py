@@ -56,7 +56,7 @@ class Dress:
         """Its points are those of its actor in this tick."""
         assert self.now is not None
         own = stage.draft(self.actor.name)
-        own.vertices, own.run, own.of = self.now.x, self.cloth, own.matrices
+        own.vertices, own.cloth, own.of = self.now.x, self.cloth, own.matrices
 
 
 class Wardrobe:

@@ -17,7 +17,7 @@ import numpy as np
 
 from vitruvian.body.types import Body, Floats, require
 from vitruvian.errors import VitruvianError
-from vitruvian.stage.actor import Actor, Posed, Single
+from vitruvian.stage.actor import Actor, Posed, Shaded, Single
 from vitruvian.stage.events import HOLD, Event
 from vitruvian.stage.winding import way, wound
 
@@ -36,6 +36,7 @@ class Draft:
     made_of: tuple[Any, ...]  # rotation, translation, weights and what decides how they deform
     changed: bool
     run: Deformer | None = None
+    cloth: Shaded | None = None  # what has normals in its place
     joints: Floats = field(default_factory=lambda: NONE)
     matrices: Floats = field(default_factory=lambda: NONE)
     vertices: Single | None = None
@@ -266,7 +267,7 @@ class Workshop:
         return Posed(
             actor.name, None if level is None else level.body, rotation, translation, weights, draft.joints,
             draft.matrices, draft.vertices, None if level is None else level.source, placement, actor.round,
-            actor.deformer, actor.turns, actor.shaped, actor.shift, run, draft.path,
+            actor.deformer, actor.turns, actor.shaped, actor.shift, draft.cloth or run, draft.path,
         )  # fmt: skip
 
     def commit(self) -> None:
