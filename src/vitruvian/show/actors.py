@@ -272,7 +272,7 @@ def _warm(actor: Actor) -> tuple[list[Block], dict[str, Any]]:
 
 
 def _still(actor: Actor, mesh: Mesh, warm: list[Block], told: dict[str, Any]) -> bytes:
-    name, way = actor.name, [0.0, 0.0, 0.0]
+    name, way, on = actor.name, [0.0, 0.0, 0.0], None if actor.on is None else actor.on.name
     blocks = [
         *warm,
         Block("rest", mesh.vertices.astype(np.float32), name),
@@ -296,7 +296,7 @@ def _still(actor: Actor, mesh: Mesh, warm: list[Block], told: dict[str, Any]) ->
         "parts": [_part(part)],
     }
     fields["features"] = features()
-    return encode("mesh", fields | {"deformer": "", "travel": way, "frames": 1, "fps": 30.0}, blocks)
+    return encode("mesh", fields | {"deformer": "", "travel": way, "on": on, "frames": 1, "fps": 30.0}, blocks)
 
 
 def _limits(limits: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ export class Figure {
   constructor(header, blocks) {
     const get = (name) => blocks[name]?.array;
     Object.assign(this, { name: header.actor, joints: header.joints, parents: header.parents, sites: header.sites });
-    Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel });
+    Object.assign(this, { displacers: header.displacers, deformer: header.deformer, travel: header.travel, on: header.on });
     Object.assign(this, { loa: header.loa ?? [], otherNames: header.names ?? [], segments: header.segments ?? [], cameras: header.cameras ?? [], features: header.features, handles: header.handles ?? [] });
     this.heat = header.heat && { ...header.heat, mm: get("heat") };
     this.heat?.layers?.forEach((layer, i) => { layer.mm = get(i ? `heat_${i}` : "heat"); });

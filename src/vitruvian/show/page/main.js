@@ -154,7 +154,7 @@ class Page {
   frame(header, blocks) {
     this.header = header;
     for (const figure of this.figures.values()) {
-      const told = header.deformers?.[figure.name]; // another page may have changed it
+      const told = figure.isBody ? header.deformers?.[figure.name] : figure.deformer; // another page may have changed it
       if (told && this.source.live && told !== figure.deformer && performance.now() - (this.chosen ?? -1e9) > 1000) {
         figure.deformer = told;
         if (figure === this.figure) { $("deformer").value = told; this.tuning.update(true); }
@@ -162,7 +162,7 @@ class Page {
       const plain = this.mode === "skin" || (this.mode === "stripes" && this.compare.on);
       figure.detail(this.fineness.cell(figure, header.playing && plain && !pressed("wire") ? this.studio.grain() : 0));
       figure.update(told === figure.deformer ? blocks[figure.name] : without(blocks[figure.name]));
-      if (figure.isBody) {
+      if (figure.isBody || figure.on) {
         const t = figure.travel ?? [0, 0, 0];
         figure.group.position.set(t[0], t[1], t[2]).multiplyScalar(header.round).sub(this.offset);
       }
