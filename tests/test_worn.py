@@ -315,7 +315,7 @@ def test_what_got_into_the_skin_is_put_out_of_it(monkeypatch):
     skin = skin_of(inner, triangles)
     for k in range(20):
         n, turn = 400, rng.uniform(0, 2 * np.pi, 400)
-        high = RADIUS + rng.uniform(-0.02, 0.01, n)
+        high = RADIUS + rng.uniform(-0.009, 0.01, n)
         x = np.stack([rng.uniform(0.05, 0.35, n), high * np.cos(turn), high * np.sin(turn)], axis=1).astype(np.float32)
         some = np.sort(rng.choice(n, 300, replace=False)).astype(np.int32)
         near = np.argmin(((x[some, None] - inner[triangles].mean(axis=1)) ** 2).sum(axis=2), axis=1).astype(np.int32)

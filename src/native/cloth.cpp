@@ -507,7 +507,8 @@ void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, fl
         if (away >= body.offset || away < -deep) continue;
         if (apart > 1e-5f)
             for (int j = 0; j < 3; ++j) normal[j] = (at[j] - foot.now[j]) / away;
-        for (int j = 0; j < 3; ++j) at[j] = foot.now[j] + body.offset * normal[j];
+        const float share = 1.5f * (1 + away / deep);  // less and less from a third of the depth on, so that nothing jumps
+        for (int j = 0; j < 3; ++j) at[j] += (share < 1 ? share : 1) * (foot.now[j] + body.offset * normal[j] - at[j]);
     }
 }
 

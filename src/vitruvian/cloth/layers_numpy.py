@@ -28,7 +28,7 @@ def cloth_clear(
     x: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single, offset: float, deep: float
 ) -> None:
     """Moves some vertices (k,) of x (n,3) straight away from a body, surface (V,6) points and normals, until they are
-    `offset` metres from it, unless they are deeper inside than `deep`.
+    `offset` metres from it, and less and less far from a third of `deep` inside on, to nothing there.
 
     nearest (k,): triangles (t,3) from which the kernel goes on, over neighbours (t,3), as long as it comes nearer; this
     twin asks all triangles.
@@ -48,7 +48,8 @@ def cloth_clear(
     far = apart > 1e-5
     normal[far] = (at[far] - foot[far]) / away[far, None]
     some = (away < offset) & (away >= -deep)
-    x[vertex[some]] = (foot + offset * normal)[some]
+    part = np.minimum(1.5 * (1 + away / deep), 1)[:, None]
+    x[vertex[some]] = (at + part * (foot + offset * normal - at))[some]
 
 
 def cloth_limbs(

@@ -15,7 +15,7 @@ from vitruvian.native import kernels
 Single = NDArray[np.float32]
 AROUND = 0.1  # metres about cloth in which it can meet something
 PINCH = 0.03  # metres between parts of the body that face each other: cloth there meets its own part alone
-CLEAR, WITHIN = 0.002, 0.03  # metres from the skin that cloth is put to, if it is no deeper inside than the second
+CLEAR, WITHIN = 0.002, 0.03  # metres from the skin that cloth is put to; how deep it may be for that
 SHALLOW = 0.01  # metres that cloth may be in an arm and still be pushed out of it
 
 
@@ -90,8 +90,8 @@ def feet(skin: Skin, corner: Ints, share: Single, offset: Single) -> tuple[Singl
 
 
 def clear(x: Single, vertices: Ints, nearest: Ints, skin: Skin, offset: float = CLEAR) -> None:
-    """Puts some vertices (k,) of cloth at x (n,3) that are nearer to a skin than offset metres, or inside it, straight out of
-    it. nearest (k,): the triangles from which what is nearest is looked for."""
+    """Puts some vertices (k,) of cloth at x (n,3) that are nearer to a skin than offset metres, or inside it, straight out
+    of it. nearest (k,): the triangles from which what is nearest is looked for."""
     native = kernels()
     if native is None:
         from vitruvian.cloth.layers_numpy import cloth_clear

@@ -32,8 +32,9 @@ class Proof:
     """What was seen of a garment on a moving body: layered and full (F,n,3) metres, in layers and wholly simulated; layer
     (n,); seconds a frame of each. `far` (F,n) metres from each vertex to where the full simulation has it, and `off`
     (F,n) to its surface. inside (F,) and deepest (F,) of the layered cloth: vertices more than `DEEP` in the skin that it
-    is about, where that is not folded into itself, and metres; crossed (F,): those in any skin, where arms pass through the body among them. strain (F,) the
-    99th percentile; jump: the largest step of a vertex beside another layer over its neighbours' mean."""
+    is about, where that is not folded into itself, and metres; crossed (F,): those in any skin, where arms pass through the
+    body among them. strain (F,) the 99th percentile; jump: the largest step of a vertex beside another layer over the mean
+    of its neighbours'."""
 
     layer: Ints
     layered: NDArray[np.float32]
