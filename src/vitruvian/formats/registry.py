@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vitruvian.errors import FileError, VitruvianError, warn
+from vitruvian.formats.scenes import clip_of, save_baked, save_scene
 
 if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Finding
@@ -227,29 +227,46 @@ def save(
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
-        report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
+        report |= write_glb(
+            thing if isinstance(thing, Mesh) else _with_caches(clip_of(thing, path, clip), "linear"), path, **options
+        )
     elif form == ".vrm":
         from vitruvian.formats.vrm import write_vrm
 
         if isinstance(thing, Mesh):
             raise VitruvianError(f"{path}: a VRM needs a humanoid; a mesh can be written as .glb or .obj")
-        report |= write_vrm(_clip(thing, path, clip), path, **options)
+        report |= write_vrm(clip_of(thing, path, clip), path, **options)
     elif form in USD:
         from vitruvian.formats.usd import write_usd
 
         things = thing if isinstance(thing, list | tuple) else [thing]
-        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path, clip) for t in things], path, **options)
+        report |= write_usd([t if isinstance(t, Mesh) else clip_of(t, path, clip) for t in things], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
-        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
+        report |= write_obj(thing if isinstance(thing, Mesh) else clip_of(thing, path, clip), path, **options)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     elif options.pop("bake", False):
-        report |= _save_baked(thing, path, form, hanim, clip, **options)
+        report |= save_baked(_with_caches(thing, None), path, form, hanim, clip, **options)
     else:
-        report["lost"] += _save_scene(thing, path, form, hanim, **options)
+        report |= save_scene(_with_caches(thing, "linear"), path, form, hanim, **options)
     return report
+
+
+def _with_caches(thing: Any, deformer: str | None) -> Any:
+    """Clips in garments with what those do, computed for a body that moves by that deformer (None: the clip's own)."""
+    from dataclasses import replace
+
+    from vitruvian.stage.clip import Clip
+
+    if isinstance(thing, list | tuple):
+        return [_with_caches(t, deformer) for t in thing]
+    if not isinstance(thing, Clip) or thing.garment is None or thing.caches:
+        return thing
+    from vitruvian.stage.baking import bake
+
+    return replace(thing, caches=bake(thing, deformer=deformer))
 
 
 def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[str, Any]:
@@ -263,7 +280,7 @@ def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[st
         if form not in MARKERS:
             raise VitruvianError(f"{path}: markers have no joints; they can be written as {', '.join(MARKERS)}")
         return write(thing, path)
-    motion = thing if isinstance(thing, Motion) else _clip(thing, path, clip if form != ".vrma" else None).motion
+    motion = thing if isinstance(thing, Motion) else clip_of(thing, path, clip if form != ".vrma" else None).motion
     if motion is None:
         raise VitruvianError(f"{path}: expected a motion to write, found none")
     report = write(markers_of(motion) if form in MARKERS else motion, path) or {"lost": []}
@@ -280,129 +297,6 @@ _MOTION_WRITERS = {
     ".trc": ("trc", "write_trc"),
     ".csm": ("csm", "write_csm"),
 }
-
-
-def _save_baked(
-    thing: Any, path: Path, form: str, hanim: str | None, clip: str | None, *, tolerance: float = 0.001
-) -> dict[str, Any]:
-    """A scene whose skins move by CoordinateInterpolators. The report of `save`."""
-    from vitruvian.formats.bake import bake_skin
-
-    if hanim == "1.1":
-        raise VitruvianError("bake: H-Anim 1.1 has no skin; write 200x, or cut the skin into segments")
-    version = hanim or ("200x" if form == ".wrl" else "2.0")
-    figures, lost, baked = [], [], []
-    for one in thing if isinstance(thing, list | tuple) else [thing]:
-        moving = _clip(one, path, clip)
-        plain, tracks, facts = bake_skin(moving, tolerance=tolerance)
-        if moving.motion is not None:
-            (plain,) = _with_clips([replace(moving, humanoid=plain)], path, "interpolators")
-            plain = replace(plain, tracks=[t for t in plain.tracks if t.field != "weight"])
-        fitted, gone = _without_newer_joints(plain, form, version)
-        figures.append(replace(fitted, tracks=[*fitted.tracks, *tracks]))
-        lost += facts.pop("lost") + gone
-        baked.append(facts)
-    lost += _write_figures(figures, path, form, version)
-    facts = {k: max(b[k] for b in baked) for k in ("frames", "keys", "max_error_m")}
-    facts |= {"points": sum(b["points"] for b in baked), "tolerance_m": tolerance, "bytes": path.stat().st_size}
-    return {"lost": lost, "max_vertex_error_m": facts["max_error_m"], "baked": facts}
-
-
-def _clip(thing: Any, path: Path, clip: str | None = None) -> Any:
-    """`thing` as a Clip: a Humanoid brings the animation of its own file, the one named `clip` or the first."""
-    from vitruvian.body.pack import pack
-    from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.motion.tracks import motion_of
-    from vitruvian.stage.clip import Clip
-
-    if isinstance(thing, Clip):
-        return thing
-    if isinstance(thing, Humanoid):
-        body = pack(thing)
-        return Clip(thing, body, motion_of(thing, body.skeleton, name=clip))
-    raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid, Clip, Motion or Mesh")
-
-
-def _save_scene(
-    thing: Any, path: Path, extension: str, hanim: str | None, *, motion: str = "interpolators", draft: bool = False
-) -> list[str]:
-    things = list(thing) if isinstance(thing, list | tuple) else [thing]
-    if not things:
-        raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
-    before: list[str] = []
-    humanoids = []
-    for humanoid in _with_clips(things, path, motion):
-        fitted, gone = _without_newer_joints(humanoid, extension, hanim)
-        humanoids.append(fitted)
-        before += gone
-    return before + _write_figures(humanoids, path, extension, hanim, draft=draft)
-
-
-def _write_figures(
-    humanoids: list[Humanoid], path: Path, extension: str, hanim: str | None, *, draft: bool = False
-) -> list[str]:
-    from vitruvian.formats.pictures import Addresses, staying
-    from vitruvian.hanim.build import scene_of
-
-    encoding = "x3dj" if extension == ".json" else extension[1:]
-    addresses = Addresses(path, beside=encoding == "wrl")  # VRML97 browsers know no data URIs
-    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft, address=addresses)
-    if built is humanoids[0].scene:  # it goes back as it came, with the addresses that it has
-        lost += staying(humanoids, path.parent)
-    addresses.write()
-    write_scene(built, path)
-    return lost + addresses.lost()
-
-
-def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:
-    """What an older version of the standard can hold of an animated body: motion of joints that it lacks is carried."""
-    from vitruvian.hanim import tables
-
-    version = hanim or ("200x" if extension == ".wrl" else "2.0")
-    same = hanim is None and humanoid.scene is not None and (humanoid.scene.encoding == "wrl") == (extension == ".wrl")
-    newer = any(tables.canonical(j.name) and tables.name_in(j.name, version) is None for j in humanoid.joints())
-    if same or not newer or not (humanoid.tracks or humanoid.motions):
-        return humanoid, []
-    from vitruvian.motion.lowering import lowered
-
-    humanoid, lost, _ = lowered(humanoid, version)
-    return humanoid, lost
-
-
-def _with_clips(things: list[Any], path: Path, form: str) -> list[Humanoid]:
-    """The humanoids among Humanoids and Clips, each once, with the motions of their Clips."""
-    from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.motion.tracks import motion_data, tracks_of
-    from vitruvian.stage.clip import Clip
-
-    if form not in {"interpolators", "hanimmotion"}:
-        raise VitruvianError(f"motion: expected interpolators or hanimmotion, found {form!r}")
-    given: dict[int, tuple[Humanoid, list[Any]]] = {}
-    for thing in things:
-        if not isinstance(thing, Clip | Humanoid):
-            raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
-        owner = thing.humanoid if isinstance(thing, Clip) else thing
-        entry = given.setdefault(id(owner), (owner, []))
-        if isinstance(thing, Clip) and thing.motion is not None:
-            entry[1].append(thing.motion)
-    out = []
-    for humanoid, motions in given.values():
-        if not motions:
-            out.append(humanoid)
-            continue
-        names: list[str] = []
-        for m in motions:
-            base = m.name or "clip"
-            names.append(base if base not in names else f"{base}_{len(names) + 1}")
-        if form == "hanimmotion":
-            data = [replace(motion_data(m), name=n, enabled=k == 0) for k, (m, n) in enumerate(zip(motions, names))]
-            weights = [t for m, n in zip(motions, names) for t in tracks_of(m, timer=n) if t.field == "weight"]
-            out.append(replace(humanoid, motions=data, tracks=weights))
-        else:
-            timers = names if len(names) > 1 else [motions[0].name]
-            tracks = [t for m, n in zip(motions, timers) for t in tracks_of(m, timer=n)]
-            out.append(replace(humanoid, tracks=tracks, motions=[]))
-    return out
 
 
 def write_scene(graph: Scene, path: str | Path) -> None:
