@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vitruvian.body.kinematics import pose_matrices
 from vitruvian.body.seams import split_seams
-from vitruvian.body.types import Body, Floats, Ints, Part, Skin, Weights
+from vitruvian.body.types import Body, Floats, Ints, Skin, Weights
 from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.bake import reduced
@@ -27,7 +27,7 @@ from vitruvian.formats.gltf_nodes import Nodes
 from vitruvian.formats.gltf_skin import completed
 from vitruvian.motion.tracks import frames_to_write, scales_to_write
 from vitruvian.motion.types import Motion
-from vitruvian.stage.vertex_cache import VertexCache
+from vitruvian.stage.vertex_cache import VertexCache, surface
 
 TOLERANCE = 0.002  # metres
 INFLUENCES = 4
@@ -172,10 +172,7 @@ def wear(
     if len(matrices) != len(cache):
         raise VitruvianError(f"{cache.name}: expected the {len(matrices)} frames of the motion, found {len(cache)}")
     made = morphed(cache, matrices, tolerance)
-    n = len(made.rest)
-    nothing = Weights(np.zeros(n + 1, np.int32), np.zeros(0, np.int32), np.zeros(0))
-    part = Part(cache.name, 0, len(cache.triangles), cache.color, roughness=0.9, double_sided=True)
-    skin = Skin(made.rest, cache.triangles, nothing, cache.uv, cache.uv_triangles, None, (part,))
+    n, skin = len(made.rest), surface(cache, made.rest)
     source, triangles, uv = split_seams(skin)
     mesh = draw(skin, source, triangles, uv, made.normals[source])
     bones, inverse = list(nodes.bone), np.tile(np.eye(4), (len(skeleton), 1, 1))

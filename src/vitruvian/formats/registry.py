@@ -240,7 +240,9 @@ def save(
         from vitruvian.formats.usd import write_usd
 
         things = thing if isinstance(thing, list | tuple) else [thing]
-        report |= write_usd([t if isinstance(t, Mesh) else clip_of(t, path, clip) for t in things], path, **options)
+        clips = [t if isinstance(t, Mesh) else clip_of(t, path, clip) for t in things]
+        as_played = None if options.get("bake") else "linear"
+        report |= write_usd([_with_caches(t, as_played) for t in clips], path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 

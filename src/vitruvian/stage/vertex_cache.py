@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vitruvian.body.types import Floats, Ints, Weights, floats, indices, require
+from vitruvian.body.types import Floats, Ints, Part, Skin, Weights, floats, indices, require
+
+ROUGHNESS = 0.9  # of cloth
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,3 +63,11 @@ class VertexCache:
     def fps(self) -> float:
         """Frames per second, of one frame 1."""
         return 1.0 if len(self) < 2 else (len(self) - 1) / float(self.times[-1] - self.times[0])
+
+
+def surface(cache: VertexCache, points: Floats) -> Skin:
+    """What a cache looks like with its points at (n,3) metres: cloth that is seen from both sides, without weights."""
+    n = len(points)
+    nothing = Weights(np.zeros(n + 1, np.int32), np.zeros(0, np.int32), np.zeros(0))
+    part = Part(cache.name, 0, len(cache.triangles), cache.color, roughness=ROUGHNESS, double_sided=True)
+    return Skin(points, cache.triangles, nothing, cache.uv, cache.uv_triangles, None, (part,))
