@@ -73,8 +73,10 @@ WRITERS = (
     ".npz",
     *MARKERS,
     ".obj",
+    ".objs",
     *USD,
 )
+CACHE = ".cache.npz"
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -138,6 +140,10 @@ def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[
     thing that other files are. Errors and options as for `load`."""
     path = _existing(path)
     form = kind(path)
+    if path.name.lower().endswith(CACHE):
+        from vitruvian.formats.cache_file import read_caches
+
+        return [read_caches(path)]
     if form in SCENES:
         return list(humanoids(path, repair=repair))
     if form in READERS:
@@ -158,7 +164,8 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
     glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
     {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode, {"parts": ...} one of FreeSewing,
-    {"vitruvian_pattern": ...} one of ours; .svg and .dxf drawings are patterns too.
+    {"vitruvian_pattern": ...} one of ours; .svg and .dxf drawings are patterns too. NAME.cache.npz holds a tuple of
+    `VertexCache`.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,
@@ -199,6 +206,9 @@ def save(
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
+    A Clip in a garment: the cloth moves in .glb (morph targets), scenes (CoordinateInterpolator) and USD (time samples)
+    with the body as those move it, within `tolerance` (metres, 0.002), and the report has `cloth`; NAME.objs is a folder of
+    an OBJ for each frame, NAME.cache.npz the moving clothes alone. See `vitruvian.stage.baking.bake`.
     `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
     A Pattern is written as .pattern.json, or drawn as .svg or .dxf.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
@@ -219,7 +229,11 @@ def save(
     if not path.parent.is_dir():
         raise VitruvianError(f"{path}: the folder {path.parent} does not exist")
     report: dict[str, Any] = {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
-    if form in MOTIONS:
+    if path.name.lower().endswith(CACHE):
+        from vitruvian.formats.cache_file import write_caches
+
+        report |= write_caches(_with_caches(clip_of(thing, path, clip), None).caches, path)
+    elif form in MOTIONS:
         report |= _save_motion(thing, path, form, clip)
     elif isinstance(thing, Motion | Markers):
         what, fits = ("a motion", MOTIONS) if isinstance(thing, Motion) else ("markers", MARKERS)
@@ -247,6 +261,10 @@ def save(
         from vitruvian.formats.obj import write_obj
 
         report |= write_obj(thing if isinstance(thing, Mesh) else clip_of(thing, path, clip), path, **options)
+    elif form == ".objs" and not isinstance(thing, Mesh):
+        from vitruvian.formats.obj_sequence import write_sequence
+
+        report |= write_sequence(_with_caches(clip_of(thing, path, clip), None), path)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     elif options.pop("bake", False):
