@@ -9,16 +9,21 @@ import base64
 import re
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
+from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError
 from vitruvian.show.actors import PAGE, SERVED, actors_of
 from vitruvian.show.live import finding_fields
 from vitruvian.show.server import FOLDER, MODULES
 from vitruvian.show.showing import Showing
-from vitruvian.show.wire import encode
+from vitruvian.show.wire import Block, encode, quantise, quantise_normals
+from vitruvian.stage.clip import Clip
+from vitruvian.stage.vertex_cache import VertexCache
 
 LIMIT = 200e6  # bytes of frames before compression; more is refused
 
@@ -67,7 +72,7 @@ def record(
         title,
         leave=(*PAGE, *SERVED),
     )
-    clip = b"".join(_framed(m) for m in messages(showing))
+    clip = b"".join(_framed(m) for m in messages(showing, worn(showing, [thing, *beside])))
     code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
     html = (FOLDER / "index.html").read_text("utf-8")
     html = _replace(html, r"<script type=\"importmap\">.*?</script>\s*", "")
@@ -97,14 +102,44 @@ def record(
     return {"bytes": len(blob), "frames": showing.frames}
 
 
-def messages(showing: Showing) -> list[bytes]:
-    """Every message of a recording: hello, pictures, meshes, then one frame message per frame, complete in itself."""
+def worn(showing: Showing, things: Sequence[object]) -> dict[str, VertexCache]:
+    """What the clothes of Clips do, by the names of their actors: as it was computed ahead, or is now. The stage of the
+    showing does not move them any more."""
+    from vitruvian.stage.baking import bake
+    from vitruvian.stage.clothes import Wardrobe
+
+    stage, out = showing.stage, {}
+    clips = [t for t in things if isinstance(t, Clip) and t.garment is not None]
+    for system in [s for s in stage.systems if isinstance(s.run, Wardrobe)]:
+        stage.systems.remove(system)
+        for clip, (_, _, dresses) in zip(clips, system.run.worn.values()):
+            caches = clip.caches or bake(clip)
+            if len(caches) != len(dresses):
+                raise VitruvianError(f"record: expected a cache for each of {len(dresses)} garments, found {len(caches)}")
+            out |= {dress.actor.name: cache for dress, cache in zip(dresses, caches)}
+    return out
+
+
+def _clothes(caches: Mapping[str, VertexCache], n: int) -> list[Block]:
+    """The blocks of clothes in frame n."""
+    out = []
+    for name, cache in caches.items():
+        points = cache.positions[min(n, len(cache) - 1)]
+        q, scale, origin = quantise(points)
+        normals = mesh_normals(incidence(points.astype(np.float64), cache.triangles), points[None])[0]
+        out += [Block("vertices", q, name, scale, origin), Block("normals", quantise_normals(normals), name)]
+    return out
+
+
+def messages(showing: Showing, caches: Mapping[str, VertexCache] | None = None) -> list[bytes]:
+    """Every message of a recording: hello, pictures, meshes, then one frame message per frame, complete in itself. caches:
+    what clothes do, see `worn`."""
     meshes = showing.meshes
     out = [showing.hello(), *showing.pictures.values(), *meshes]
     stage, size = showing.stage, 0
     for n in range(showing.frames):
         stage.seek(n / showing.fps)
-        blocks = showing.blocks(stage.step(0))
+        blocks = showing.blocks(stage.step(0)) + _clothes(caches or {}, n)
         fields = {"seq": 0, "tick": n, "t": n / showing.fps, "frame": n, "round": 0}
         out.append(encode("frame", fields | {"deformers": showing.deformers}, blocks))
         size += len(out[-1])
