@@ -51,7 +51,13 @@ def write_sequence(clip: Clip, path: str | os.PathLike[str]) -> dict[str, Any]:
             text = text_of(body.name, moved, whole.triangles, whole.uv, whole.uv_triangles, whole.colors, whole.parts)
             size += (folder / f"{target.stem}_{k + 1:04d}.obj").write_text(text, encoding="utf-8")
     lost = ["the skeleton and its weights: OBJ holds points only"]
-    return {"frames": frames, "vertices": len(whole.rest), "triangles": len(whole.triangles), "bytes": size, "lost": lost}
+    return {
+        "frames": frames,
+        "vertices": len(whole.rest),
+        "triangles": len(whole.triangles),
+        "bytes": size,
+        "lost": lost,
+    }
 
 
 def _bodies(clip: Clip, frames: int) -> Iterator[Floats]:
@@ -93,7 +99,9 @@ def whole_folder(path: Path) -> Iterator[Path]:
     """A folder beside `path` that takes its name when the block ends well, in place of older frames."""
     frame = re.compile(re.escape(path.stem) + r"_\d{4,}\.obj")
     if path.exists() and (not path.is_dir() or any(not frame.fullmatch(p.name) for p in path.iterdir())):
-        raise VitruvianError(f"{path}: expected a folder of {path.stem}_0001.obj, ..., found something else; move it away")
+        raise VitruvianError(
+            f"{path}: expected a folder of {path.stem}_0001.obj, ..., found something else; move it away"
+        )
     try:
         made = Path(tempfile.mkdtemp(prefix=f".{path.stem[:40]}-", dir=path.parent))
     except OSError as error:

@@ -232,7 +232,7 @@ def save(
     if path.name.lower().endswith(CACHE):
         from vitruvian.formats.cache_file import write_caches
 
-        report |= write_caches(_with_caches(clip_of(thing, path, clip), None).caches, path)
+        report |= write_caches(_with_caches(clip_of(thing, path, clip), path).caches, path)
     elif form in MOTIONS:
         report |= _save_motion(thing, path, form, clip)
     elif isinstance(thing, Motion | Markers):
@@ -242,7 +242,7 @@ def save(
         from vitruvian.formats.glb import write_glb
 
         report |= write_glb(
-            thing if isinstance(thing, Mesh) else _with_caches(clip_of(thing, path, clip), "linear"), path, **options
+            thing if isinstance(thing, Mesh) else _with_caches(clip_of(thing, path, clip), path), path, **options
         )
     elif form == ".vrm":
         from vitruvian.formats.vrm import write_vrm
@@ -255,8 +255,7 @@ def save(
 
         things = thing if isinstance(thing, list | tuple) else [thing]
         clips = [t if isinstance(t, Mesh) else clip_of(t, path, clip) for t in things]
-        as_played = None if options.get("bake") else "linear"
-        report |= write_usd([_with_caches(t, as_played) for t in clips], path, **options)
+        report |= write_usd(_with_caches(clips, path, bake=options.get("bake", False)), path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
@@ -264,29 +263,43 @@ def save(
     elif form == ".objs" and not isinstance(thing, Mesh):
         from vitruvian.formats.obj_sequence import write_sequence
 
-        report |= write_sequence(_with_caches(clip_of(thing, path, clip), None), path)
+        report |= write_sequence(_with_caches(clip_of(thing, path, clip), path), path)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     elif options.pop("bake", False):
-        report |= save_baked(_with_caches(thing, None), path, form, hanim, clip, **options)
+        report |= save_baked(_with_caches(thing, path, bake=True), path, form, hanim, clip, **options)
     else:
-        report |= save_scene(_with_caches(thing, "linear"), path, form, hanim, **options)
+        report |= save_scene(_with_caches(thing, path), path, form, hanim, **options)
     return report
 
 
-def _with_caches(thing: Any, deformer: str | None) -> Any:
-    """Clips in garments with what those do, computed for a body that moves by that deformer (None: the clip's own)."""
+def clothed(path: str | Path) -> bool:
+    """Whether moving clothes can be written into a file of this name."""
+    form = extension(Path(path))
+    return form in (".glb", ".json", ".objs", *SCENES, *USD) or str(path).lower().endswith(CACHE)
+
+
+def shown_by(path: str | Path, deformer: str, *, bake: bool = False) -> str:
+    """The deformer by which a body moves in a file of this name that was written for another one: what plays it skins
+    linearly, but where deformed points are in it."""
+    form = extension(Path(path))
+    skins = form == ".glb" or (form in (".json", *SCENES, *USD) and not bake)
+    return "linear" if skins else deformer
+
+
+def _with_caches(thing: Any, path: Path, *, bake: bool = False) -> Any:
+    """Clips in garments with what those do on the body as the file at `path` shows it."""
     from dataclasses import replace
 
     from vitruvian.stage.clip import Clip
 
     if isinstance(thing, list | tuple):
-        return [_with_caches(t, deformer) for t in thing]
+        return [_with_caches(t, path, bake=bake) for t in thing]
     if not isinstance(thing, Clip) or thing.garment is None or thing.caches:
         return thing
-    from vitruvian.stage.baking import bake
+    from vitruvian.stage.baking import bake as bake_clothes
 
-    return replace(thing, caches=bake(thing, deformer=deformer))
+    return replace(thing, caches=bake_clothes(thing, deformer=shown_by(path, thing.deformer, bake=bake)))
 
 
 def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[str, Any]:

@@ -166,7 +166,9 @@ def _with_clips(
 CLOTH = 0.002  # metres
 
 
-def _clothed(humanoid: Humanoid, clip: Clip, timer: str, tolerance: float | None) -> tuple[Humanoid, list[dict[str, Any]]]:
+def _clothed(
+    humanoid: Humanoid, clip: Clip, timer: str, tolerance: float | None
+) -> tuple[Humanoid, list[dict[str, Any]]]:
     """The humanoid with the caches of a clip as surfaces of its skin that have points of their own, and their tracks."""
     import numpy as np
 

@@ -115,7 +115,9 @@ def worn(showing: Showing, things: Sequence[object]) -> dict[str, VertexCache]:
         for clip, (_, _, dresses) in zip(clips, system.run.worn.values()):
             caches = clip.caches or bake(clip)
             if len(caches) != len(dresses):
-                raise VitruvianError(f"record: expected a cache for each of {len(dresses)} garments, found {len(caches)}")
+                raise VitruvianError(
+                    f"record: expected a cache for each of {len(dresses)} garments, found {len(caches)}"
+                )
             out |= {dress.actor.name: cache for dress, cache in zip(dresses, caches)}
     return out
 
