@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import vitruvian as vt
 from gltf_player import Player
-from pages import opened, pause, positions, scrub
+from pages import opened, pause, scrub
 from test_bake import PLAY
 from test_glb import assert_clean
 from vitruvian.body.kinematics import pose_matrices
@@ -66,7 +66,9 @@ def still(clip: Clip, frames: int) -> Clip:
     """The first frames of a clip, which end."""
     m = clip.motion
     assert m is not None
-    return replace(clip, motion=replace(m, rotation=m.rotation[:frames], translation=m.translation[:frames], loop=False))
+    return replace(
+        clip, motion=replace(m, rotation=m.rotation[:frames], translation=m.translation[:frames], loop=False)
+    )
 
 
 def flag(frames: int, points: np.ndarray, triangles: np.ndarray, **options: object) -> VertexCache:
@@ -122,7 +124,7 @@ def test_what_leads_into_a_motion_is_continuous(walker: Clip) -> None:
     speed = np.diff(ended.translation[: lead + 2], axis=0)
     assert np.linalg.norm(speed[0]) < 0.1 * np.linalg.norm(speed[-1])  # gets up speed
     assert np.abs(speed[-2] - speed[-1]).max() < 0.1 * np.linalg.norm(speed[-1])
-    assert CLOSING < motion.seconds
+    assert motion.seconds > CLOSING
 
 
 def test_clips_without_garment_or_motion(walker: Clip) -> None:
@@ -173,12 +175,12 @@ def test_what_joints_carry_needs_no_shape_and_waves_need_few() -> None:
     n = len(points)
     joint = (points[:, 0] > 0.15).astype(int)
     weights = Weights.from_pairs(n, np.arange(n), joint, np.ones(n))
-    carried = np.einsum("fnab,nb->fna", m[:, joint, :3, :3], points) + m[:, joint, :3, 3]
+    carried = np.einsum("fnab,nb->fna", m[:, joint][..., :3, :3], points) + m[:, joint][..., :3, 3]
     made = morphed(flag(frames, carried, triangles, weights=weights), m, BOUND)
     assert len(made.shapes) == 0 and made.error < 1e-5
     wave = points + 0.03 * np.sin(np.linspace(0, 9, frames))[:, None, None] * np.sin(20 * points[:, :1]) * [0, 0, 1.0]
     wave += 0.03 * np.cos(np.linspace(0, 9, frames))[:, None, None] * np.cos(20 * points[:, :1]) * [0, 0, 1.0]
-    moving = np.einsum("fnab,fnb->fna", m[:, joint, :3, :3], wave) + m[:, joint, :3, 3]
+    moving = np.einsum("fnab,fnb->fna", m[:, joint][..., :3, :3], wave) + m[:, joint][..., :3, 3]
     cache = flag(frames, moving, triangles, weights=weights)
     made = morphed(cache, m, BOUND)
     assert 0 < len(made.shapes) <= 3
@@ -322,7 +324,7 @@ def test_usd_has_samples(dressed: Clip, tmp_path: Path) -> None:
 
     told = save(dressed, tmp_path / "walk.usdc", tolerance=BOUND)["cloth"][0]
     stage, (cache,) = usd.Stage.Open(str(tmp_path / "walk.usdc")), dressed.caches
-    (prim,) = [p for p in stage.Traverse() if p.GetName() == "garment"]
+    (prim,) = [p for p in stage.Traverse() if p.GetName() == "garment" and p.IsA(UsdGeom.Mesh)]
     points = UsdGeom.Mesh(prim).GetPointsAttr()
     assert dressed.motion is not None and len(points.GetTimeSamples()) == told["keys"]
     for k in range(len(dressed.motion)):
@@ -395,7 +397,8 @@ def test_a_recorded_page_moves_the_cloth(dressed: Clip, browser, tmp_path: Path)
         pause(page)
         for k in (0, 5, len(motion) - 1):
             scrub(page, k)
-            assert np.abs(positions(page, "garment") - cache.positions[k]).max() < 2e-4
+            now = np.array(page.evaluate("vitruvian.positions('garment')")).reshape(-1, 3)
+            assert np.abs(now - cache.positions[k]).max() < 2e-4
 
 
 def test_the_command_line_dresses_who_moves(walker: Clip, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import typer
 from vitruvian.cli import app
 from vitruvian.cli.capture import Fps, Skeleton, Unit, Up, no_joints, said
 from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
-from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, told
+from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, told, unworn
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float | None 
         from vitruvian.show.recording import record
 
         return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0} | record(clip, out)
-    elif kind == ".png":
+    if kind == ".png":
         from vitruvian.show.picture import picture
 
         picture(clip, out)
@@ -214,8 +214,13 @@ def animate(
         "seconds": time.perf_counter() - start,
         **report,
     }
+    reasons = unworn(shown.garment)
+    if garment:
+        document["reasons"] = reasons
     text = (
         f"wrote {out}: {count(document['frames'], 'frame')} at {moved.fps:g} per second; feet slide "
         f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
     )
-    emit(document, "\n".join([text, *baked(report), *told(report)]), as_json)
+    emit(document, "\n".join([text, *baked(report), *told(report), *reasons]), as_json)
+    if reasons:
+        raise typer.Exit(1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +29,11 @@ Fabrics = typer.Option(["cotton"], "--fabric", help="Of the garments, as in dres
 
 
 def dressed_in(names: Sequence[str], fabrics: Sequence[str], humanoid: Humanoid) -> Garment | None:
-    """Garments sewn and draped on a body, each over the ones before it; None for no names. VitruvianError for a garment
-    that can't be worn, with the reason."""
+    """Garments sewn and draped on a body, each over the ones before it; None for no names."""
     if not names:
         return None
     from vitruvian.body.pack import pack
-    from vitruvian.cli.dressing import _lowered, _sewable, _told, faults, placed_on
+    from vitruvian.cli.dressing import _lowered, _sewable, _told, placed_on
     from vitruvian.cloth.tailor import tailor
     from vitruvian.formats.fabrics import fabric_from
 
@@ -48,14 +48,10 @@ def dressed_in(names: Sequence[str], fabrics: Sequence[str], humanoid: Humanoid)
     over: list[Garment] = []
     with progress("dressing") as bar:
         for k, pattern in enumerate(patterns):
-            told: Callable[[str, float], None] = lambda _, share, k=k: _told(bar, k, len(patterns), _, share)  # noqa: E731
             made = tailor(
                 placed_on(pattern, humanoid, arms=arms), body, fabric=cloths[min(k, len(cloths) - 1)], size=SIZE,
-                arms=arms, over=over, progress=told,
+                arms=arms, over=over, progress=partial(_told, bar, k, len(patterns)),
             )  # fmt: skip
-            reasons = faults(dict(made.report))
-            if reasons:
-                raise VitruvianError(f"{names[k]}: {reasons[0]}")
             over = [*made.below, made]
     return over[-1]
 
@@ -81,6 +77,14 @@ def _kept(path: Path, humanoid: Humanoid) -> Garment:
     return _followed(before, humanoid, "keep_pattern")
 
 
+def unworn(garment: Garment | None) -> list[str]:
+    """Why a garment and those below it can't be worn, in a line each."""
+    from vitruvian.cli.dressing import faults
+
+    worn = [] if garment is None else [*garment.below, garment]
+    return [f"{g.name}: {line}" for g in worn for line in faults({**g.report, "settled": True, "speed": 0.0})]
+
+
 def clothes_of(clip: Clip, out: Path, *, bake: bool = False) -> Clip:
     """A clip with what its garment does in each frame, as a file at `out` takes it."""
     from vitruvian.formats.registry import clothed, shown_by
@@ -102,7 +106,7 @@ def told(report: dict[str, Any]) -> list[str]:
     """What was written of clothes, a line each."""
     out = []
     for cloth in report.get("cloth", ()):
-        few = f"{cloth['shapes']} shapes" if "shapes" in cloth else count(cloth["keys"], "key")
+        few = count(cloth["shapes"], "shape") if "shapes" in cloth else count(cloth["keys"], "key")
         text = (
             f"{cloth['name']}: {cloth['points']:,} points, {few} for {count(cloth['frames'], 'frame')}, at most "
             f"{cloth['max_error_m'] * 1000:.2f} mm off"

@@ -76,9 +76,9 @@ def read_caches(path: str | os.PathLike[str]) -> tuple[VertexCache, ...]:
 
 
 def _cache(told: dict[str, Any], get: Any) -> VertexCache:
-    whole = lambda name: None if (found := get(name)) is None else np.rint(found).astype(np.int64)  # noqa: E731
-    row, joint, weight = whole("row"), whole("joint"), get("weight")
-    weights = None if row is None else Weights(row, joint, weight)
+    whole: Any = lambda name: None if (found := get(name)) is None else np.rint(found).astype(np.int64)  # noqa: E731
+    row = whole("row")
+    weights = None if row is None else Weights(row, whole("joint"), get("weight"))
     return VertexCache(
         str(told["name"]), whole("triangles"), get("times"), get("positions"), get("uv"), whole("uv_triangles"),
         tuple(told["color"]), weights, float(told["closing"]),

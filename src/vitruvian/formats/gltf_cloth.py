@@ -79,7 +79,7 @@ def morphed(cache: VertexCache, matrices: Floats, tolerance: float = TOLERANCE) 
     rest = ((back.max(axis=0) + back.min(axis=0)) / 2).astype(np.float64)
     off = back - rest
     far = np.sqrt((off**2).sum(axis=2).max(axis=0))
-    live = np.flatnonzero(far > within)
+    live = np.flatnonzero(far > within).astype(np.int32)
     error = float(far[far <= within].max(initial=0.0))
     normals = _unit(turned.mean(axis=0, dtype=np.float64))
     nothing = Morphs(rest, live, cache.times[:1], np.zeros((1, 0)), np.zeros((0, 0, 3)), joints, shares, normals,

@@ -48,7 +48,8 @@ def write_usd(
     at as many times as that takes.
     The report: `vertices triangles joints bytes`; `influences`, the most joints of a vertex; `overweight_vertices`,
     whose weights had to be divided by a sum above one; `max_vertex_error_m` and `rms_vertex_error_m` of rounding sums
-    to one, over `poses`; `cloth`, of each cache its `name frames points keys max_error_m tolerance_m closing_m`; `deformer` and `deformer_difference_m`, the largest distance between the clip's own deformer
+    to one, over `poses`; `cloth`, of each cache its `name frames points keys max_error_m tolerance_m closing_m`;
+    `deformer` and `deformer_difference_m`, the largest distance between the clip's own deformer
     and the linear skin that players show; `displacer_error_m`; `lost`, a list of sentences.
     Raises `MissingExtra` without usd-core and `VitruvianError` for things that can't be written.
     """

@@ -273,7 +273,7 @@ class Builder:
                 continue
             shown.append(node)
             if own and s.name:
-                figure.points.setdefault(s.name, node.children("geometry")[0].fields["coord"])
+                figure.points.setdefault(s.name, node.children("geometry")[0].children("coord")[0])
         put(root, "skin", shown)
         made = Node("Coordinate", fields={"point": h.skin_coord})
         coord = self.shapes.share("coord", h.skin_coord, coords, made)

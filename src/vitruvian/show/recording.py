@@ -108,9 +108,11 @@ def worn(showing: Showing, things: Sequence[object]) -> dict[str, VertexCache]:
     from vitruvian.stage.baking import bake
     from vitruvian.stage.clothes import Wardrobe
 
-    stage, out = showing.stage, {}
+    stage, out = showing.stage, dict[str, VertexCache]()
     clips = [t for t in things if isinstance(t, Clip) and t.garment is not None]
-    for system in [s for s in stage.systems if isinstance(s.run, Wardrobe)]:
+    for system in list(stage.systems):
+        if not isinstance(system.run, Wardrobe):
+            continue
         stage.systems.remove(system)
         for clip, (_, _, dresses) in zip(clips, system.run.worn.values()):
             caches = clip.caches or bake(clip)
