@@ -434,3 +434,16 @@ def test_matrices_of_a_binding_are_taken_out(dressed: Clip, tmp_path: Path) -> N
     points, _ = cloth_at(player, node, dressed.caches[0].times[4])
     assert np.linalg.norm(points - ours[4], axis=1).max() <= told["max_error_m"] + 1e-5
     assert pose_matrices(skeleton, skeleton.rotation[None], skeleton.translation[None]).shape[1] == len(skeleton)
+
+
+def test_pictures_show_the_cloth_as_it_is(dressed: Clip) -> None:
+    from vitruvian.show.figure import Figure
+
+    (cache,), n = dressed.caches, len(dressed.body.skin.rest)
+    times = [0.0, 4 / 12, 4.5 / 12, cache.times[-1] + 2 / 12]
+    bare = list(Figure(replace(dressed, garment=None, caches=())).at(times))
+    for time, found, body in zip(times, Figure(dressed).at(times), bare):
+        at = time * 12 % (len(cache) - 1)
+        a, b = cache.positions[int(at)], cache.positions[int(at) + 1]
+        assert np.abs(found.vertices[n:] - (a + (b - a) * (at - int(at)))).max() < 1e-5
+        assert np.array_equal(found.vertices[:n], body.vertices) and found.parts[-1].name == "garment"

@@ -92,14 +92,14 @@ def clothes_of(clip: Clip, out: Path, *, bake: bool = False) -> Clip:
 
     if clip.garment is None:
         return clip
-    if not clothed(out) and out.suffix.lower() not in PAGES:
-        kinds = ".glb .x3d .x3dv .x3dj .wrl .usdz .usdc .usda .objs .cache.npz .html"
+    if not clothed(out) and out.suffix.lower() not in SHOWN:
+        kinds = ".glb .x3d .x3dv .x3dj .wrl .usdz .usdc .usda .objs .cache.npz .html .mp4 .png"
         raise VitruvianError(f"--garment: expected a file that clothes move in ({kinds}), found {out}")
     with progress("moving the clothes") as bar:
         return replace(clip, caches=moved(clip, deformer=shown_by(out, clip.deformer, bake=bake), progress=bar))
 
 
-PAGES = (".html",)
+SHOWN = (".html", ".png", ".mp4", ".gif", ".webp")  # what we draw ourselves
 
 
 def told(report: dict[str, Any]) -> list[str]:
