@@ -299,6 +299,7 @@ def test_scenes_lead_the_cloth_and_come_back(dressed: Clip, tmp_path: Path, form
 def test_older_scenes_say_that_they_lose_it(dressed: Clip, tmp_path: Path) -> None:
     lost = save(dressed, tmp_path / "old.wrl", hanim="1.1")["lost"]
     assert any("moving clothes (garment)" in line for line in lost)
+    assert any("tshirt" in line for line in save(dressed, tmp_path / "walk.bvh")["lost"])
     baked = save(dressed, tmp_path / "both.x3d", bake=True, tolerance=0.005)
     assert baked["cloth"][0]["max_error_m"] <= 0.005 and baked["baked"]["max_error_m"] <= 0.005
 
@@ -395,6 +396,11 @@ def test_a_recorded_page_moves_the_cloth(dressed: Clip, browser, tmp_path: Path)
     assert record(clip, tmp_path / "walk.html")["frames"] == len(motion)
     with opened(browser, (tmp_path / "walk.html").as_uri()) as page:
         pause(page)
+        page.wait_for_timeout(100)
+        frame = page.evaluate("vitruvian.frame")  # between two frames, as often as not
+        k, now = int(frame), np.array(page.evaluate("vitruvian.positions('garment')")).reshape(-1, 3)
+        between = cache.positions[k] + (frame - k) * (cache.positions[k + 1] - cache.positions[k])
+        assert np.abs(now - between).max() < 5e-3 if k == len(motion) - 1 else np.abs(now - between).max() < 2e-4
         for k in (0, 5, len(motion) - 1):
             scrub(page, k)
             now = np.array(page.evaluate("vitruvian.positions('garment')")).reshape(-1, 3)

@@ -270,6 +270,9 @@ def save(
         report |= save_baked(_with_caches(thing, path, bake=True), path, form, hanim, clip, **options)
     else:
         report |= save_scene(_with_caches(thing, path), path, form, hanim, **options)
+    garment = getattr(thing, "garment", None)
+    if garment is not None and not clothed(path):
+        report["lost"] = [*report["lost"], f"{garment.name}, which is worn: clothes move in .glb, scenes and USD"]
     return report
 
 
