@@ -453,3 +453,51 @@ def test_pictures_show_the_cloth_as_it_is(dressed: Clip) -> None:
         a, b = cache.positions[int(at)], cache.positions[int(at) + 1]
         assert np.abs(found.vertices[n:] - (a + (b - a) * (at - int(at)))).max() < 1e-5
         assert np.array_equal(found.vertices[:n], body.vertices) and found.parts[-1].name == "garment"
+
+
+def test_our_own_reader_plays_what_we_wrote(dressed: Clip, tmp_path: Path) -> None:
+    from vitruvian.motion.tracks import motion_of
+
+    told = save(dressed, tmp_path / "walk.glb")["cloth"][0]
+    h = vt.load(tmp_path / "walk.glb")
+    body, (cache,) = vt.pack(h), dressed.caches
+    motion = motion_of(h, body.skeleton)
+    assert motion is not None
+    m = vt.joint_matrices(body.skeleton, motion)
+    known = {d.name for d in body.skin.morphs}
+    moved = vt.deformer("linear", body)(m, {k: w for k, w in motion.weights.items() if k in known})
+    part = next(p for p in body.skin.parts if p.name == "garment")
+    assert part.stop - part.start == len(cache.triangles)
+    theirs = body.skin.triangles[part.start : part.stop]
+    for k in (0, 3, 7):
+        off = np.asarray(moved)[k][theirs] - cache.positions[k][cache.triangles]
+        far = np.linalg.norm(off, axis=2)  # an H-Anim displacer turns with one joint, not with those of the arms
+        assert np.percentile(far, 95) <= told["max_error_m"] and far.max() < 0.02
+
+
+def test_several_garments_keep_apart(dressed: Clip, tmp_path: Path) -> None:
+    (cache,) = dressed.caches
+    fewer = replace(cache, triangles=cache.triangles[:-1], uv_triangles=cache.uv_triangles[:-1])
+    second = replace(cache, name="garment-skirt", positions=cache.positions + np.float32(0.02), color=(1, 0, 0))
+    several = replace(dressed, caches=(cache, second))
+    told = save(several, tmp_path / "two.glb")["cloth"]
+    player = Player(tmp_path / "two.glb")
+    assert [t["name"] for t in told] == ["garment", "garment-skirt"]
+    led = [c["target"]["node"] for c in player.json["animations"][0]["channels"] if c["target"]["path"] == "weights"]
+    assert led[-2:] == [player.named["garment"], player.named["garment-skirt"]]
+    save(several, tmp_path / "two.x3dv")
+    again = vt.load(tmp_path / "two.x3dv")
+    own = [s for s in again.skin if s.points is not None]
+    assert len(own) == 2 and own[1].material.color == (1.0, 0.0, 0.0)
+    moved = [played(again, fps=12.0, target=s.name) for s in own]
+    assert np.abs(moved[1] - moved[0] - 0.02).max() < 2 * BOUND
+    assert dressed.motion is not None
+    twice = [replace(dressed, motion=replace(dressed.motion, name=n)) for n in ("go", "on")]
+    twice[1] = replace(twice[1], caches=(fewer,))  # other faces: another shape
+    save(twice, tmp_path / "clips.x3d")
+    again = vt.load(tmp_path / "clips.x3d")
+    own = [s for s in again.skin if s.points is not None]
+    assert [len(s.triangles) for s in own] == [len(cache.triangles), len(fewer.triangles)]
+    assert {(t.target, t.timer) for t in again.tracks if t.field == "point"} == {
+        (own[0].name, "hanim_go"), (own[1].name, "hanim_on")
+    }  # fmt: skip

@@ -11,7 +11,7 @@ import typer
 from vitruvian.cli import app
 from vitruvian.cli.capture import Fps, Skeleton, Unit, Up, no_joints, said
 from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
-from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, told, unworn
+from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, fit_of, told
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -183,7 +183,8 @@ def animate(
     tolerance: float | None = Tolerance,
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body, and clothes if it is to wear any, and write what comes out.
+    """Put a motion on a body, and clothes if it is to wear any, and write what comes out. Exit status 1: a garment does not
+    close.
 
     Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .amc .npz .trc .csm .obj; with --garment also
     NAME.objs, a folder with an OBJ for each frame, and NAME.cache.npz, the moving clothes alone.
@@ -214,7 +215,7 @@ def animate(
         "seconds": time.perf_counter() - start,
         **report,
     }
-    reasons = unworn(shown.garment)
+    reasons, able = fit_of(shown.garment)
     if garment:
         document["reasons"] = reasons
     text = (
@@ -222,5 +223,5 @@ def animate(
         f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
     )
     emit(document, "\n".join([text, *baked(report), *told(report), *reasons]), as_json)
-    if reasons:
+    if not able:
         raise typer.Exit(1)

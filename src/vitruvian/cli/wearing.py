@@ -77,12 +77,13 @@ def _kept(path: Path, humanoid: Humanoid) -> Garment:
     return _followed(before, humanoid, "keep_pattern")
 
 
-def unworn(garment: Garment | None) -> list[str]:
-    """Why a garment and those below it can't be worn, in a line each."""
-    from vitruvian.cli.dressing import faults
+def fit_of(garment: Garment | None) -> tuple[list[str], bool]:
+    """What does not fit of a garment and those below it, in a line each, and whether they can be worn: their seams close."""
+    from vitruvian.cli.dressing import APART, faults
 
     worn = [] if garment is None else [*garment.below, garment]
-    return [f"{g.name}: {line}" for g in worn for line in faults({**g.report, "settled": True, "speed": 0.0})]
+    reasons = [f"{g.name}: {line}" for g in worn for line in faults({**g.report, "settled": True, "speed": 0.0})]
+    return reasons, all(g.report["seam_gap_max_mm"] <= APART for g in worn)
 
 
 def clothes_of(clip: Clip, out: Path, *, bake: bool = False) -> Clip:
