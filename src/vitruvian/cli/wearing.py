@@ -78,7 +78,7 @@ def _kept(path: Path, humanoid: Humanoid) -> Garment:
 
 
 def fit_of(garment: Garment | None) -> tuple[list[str], bool]:
-    """What does not fit of a garment and those below it, in a line each, and whether they can be worn: their seams close."""
+    """What does not fit of a garment and those below it, in a line each, and whether all of their seams close."""
     from vitruvian.cli.dressing import APART, faults
 
     worn = [] if garment is None else [*garment.below, garment]
