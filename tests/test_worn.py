@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vitruvian.cloth import layers, layers_numpy, limbs, rough, worn
+from vitruvian.cloth import layers, layers_numpy, limbs, moving, proof, rough, worn
 from vitruvian.cloth.binding import bind
 from vitruvian.cloth.fabric import fabric
 from vitruvian.cloth.moving import Skin, feet
@@ -130,10 +130,10 @@ def body(count=400):
 def garment(skin, x, triangles):
     binding = bind(skin.points.astype(float), skin.triangles, x, triangles, skin.normals.astype(float))
     known = layers.Anatomy(("trunk",), np.zeros(1, int), np.ones((1, 1), bool), np.full((1, 2), -1))
-    layer, bridging = layers.sort(binding, x, triangles, np.zeros(len(skin.points), int), known)
+    layer = layers.sort(binding, x, triangles, np.zeros(len(skin.points), int), known)
     zero = np.zeros(len(x), int)
     made = worn.made(
-        cloth_of(x, triangles), x, binding, layer, zero, known.bones, skin, np.zeros((1, 3)), bridging,
+        cloth_of(x, triangles), x, binding, layer, zero, known.bones, skin, np.zeros((1, 3)),
         np.full(len(x), 0.003),
     )  # fmt: skip
     return made, binding
@@ -157,7 +157,7 @@ def test_paint_and_thresholds_decide(shirt):
     skin, x, _, binding = shirt
     known = layers.Anatomy(("trunk",), np.zeros(1, int), np.ones((1, 1), bool), np.full((1, 2), -1))
     zero = np.zeros(len(skin.points), int)
-    layer, _ = layers.sort(binding, x, skin.triangles, zero, known, edges={"trunk": (0.05, 0.05)}, painted={7: 2})
+    layer = layers.sort(binding, x, skin.triangles, zero, known, edges={"trunk": (0.05, 0.05)}, painted={7: 2})
     assert layer[7] == layers.FLOATING and (layer == layers.LOOSE).sum() == 0
     with pytest.raises(VitruvianError, match="painted"):
         layers.sort(binding, x, skin.triangles, zero, known, painted={7: 3})
@@ -308,3 +308,39 @@ def test_replaced_layers_are_not_simulated(shirt):
     bare = replace(made, limbs=None, rough=None, floating=None)
     now = worn.moved(bare, worn.begun(bare, skin, np.zeros((1, 3))), skin, np.zeros((1, 3)))
     assert np.abs(now.x - x).max() < 1e-6
+
+
+def test_what_got_into_the_skin_is_put_out_of_it(monkeypatch):
+    inner, triangles = tube(RADIUS)
+    skin = skin_of(inner, triangles)
+    for k in range(20):
+        n, turn = 400, rng.uniform(0, 2 * np.pi, 400)
+        high = RADIUS + rng.uniform(-0.009, 0.01, n)
+        x = np.stack([rng.uniform(0.05, 0.35, n), high * np.cos(turn), high * np.sin(turn)], axis=1).astype(np.float32)
+        some = np.sort(rng.choice(n, 300, replace=False)).astype(np.int32)
+        near = np.argmin(((x[some, None] - inner[triangles].mean(axis=1)) ** 2).sum(axis=2), axis=1).astype(np.int32)
+        ours = x.copy()
+        moving.clear(ours, some, near, skin, 0.002)
+        others = np.setdiff1d(np.arange(n), some)
+        assert np.array_equal(ours[others], x[others])
+        chord = RADIUS * np.cos(np.pi / 48)
+        assert np.linalg.norm(ours[some, 1:], axis=1).min() > chord + 0.002 - 1e-6
+        away = high[some] > RADIUS + 0.0021
+        assert np.array_equal(ours[some][away], x[some][away])
+        theirs = x.copy()
+        with monkeypatch.context() as m:
+            m.setattr(moving, "kernels", lambda: None)
+            moving.clear(theirs, some, near, skin, 0.002)
+        shallow = high > RADIUS - 0.001  # deeper inside, the nearest of a ring of triangles is a matter of taste
+        assert np.quantile(np.abs(ours - theirs)[shallow].max(axis=1), 0.98) < 1e-6, k
+
+
+def test_a_border_that_jumps_is_seen():
+    edges = np.array([[0, 1], [1, 2], [2, 3]])
+    layer = np.array([0, 0, 2, 2])
+    x = np.zeros((3, 4, 3), np.float32)
+    x[1:, :, 0] = 0.01  # all together, then nothing
+    assert proof.jumps(edges, layer, x) == pytest.approx(1)
+    x[2, 2, 1] = 0.05  # one that has a border, alone
+    assert proof.jumps(edges, layer, x) == pytest.approx(0.05 / proof.STILL)
+    assert proof.jumps(edges, np.zeros(4, int), x) == 0  # without borders none jumps

@@ -150,6 +150,7 @@ struct PoseFrame {
     int solve_pose(const PoseProblem& problem, const PoseFrame& frame, double* room);                                 \
     void cloth_frame(const ClothProgram& program, const ClothFrame& frame, const ClothBody& body,                     \
                      const ClothTouch& touch);                                                                        \
+    void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x);              \
     void cloth_feet(const ClothFeet& feet, int64_t first, int64_t last);                                              \
     void cloth_limbs(const ClothLimbs& job);                                                                          \
     }

@@ -127,6 +127,25 @@ void cloth_feet(Array<float, 2> point, Array<float, 2> normal, Array<int32_t, 2>
     vt::base::cloth_feet(feet, 0, int64_t(n));
 }
 
+// Moves x (n,3) of some vertices (k,), in place: away from a body, surface (V,6) points and normals, from which they keep
+// offset metres, if they are not deeper than that. nearest (k,): triangles (t,3) to look from.
+void cloth_clear(Output<float, 2> x, Array<int32_t, 1> vertex, Output<int32_t, 1> nearest, Array<int32_t, 2> triangle,
+                 Array<int32_t, 2> neighbour, Array<float, 2> surface, float offset, float deep) {
+    check(nearest.shape(0) == vertex.shape(0) && x.shape(1) == 3, "vertices do not fit");
+    check(triangle.shape(0) == neighbour.shape(0) && triangle.shape(1) == 3 && neighbour.shape(1) == 3 &&
+          surface.shape(1) == 6, "surface does not fit");
+    const vt::ClothBody body{int64_t(triangle.shape(0)), triangle.data(), neighbour.data(), surface.data(),
+                             surface.data(), offset, 0, 0, nearest.data(), nullptr};
+    nb::gil_scoped_release release;
+#if defined(VT_HAVE_V3)
+    if (newer()) {
+        vt::v3::cloth_clear(body, int64_t(vertex.shape(0)), vertex.data(), deep, x.data());
+        return;
+    }
+#endif
+    vt::base::cloth_clear(body, int64_t(vertex.shape(0)), vertex.data(), deep, x.data());
+}
+
 // One frame of r and v (k,3); see vt::ClothLimbs. numbers: step, damping, friction, smooth, drag, density, gravity, wind.
 void cloth_limbs(Output<float, 2> r, Output<float, 2> v, Array<int32_t, 1> vertex, Array<int32_t, 1> bone,
                  Array<float, 1> radius, Array<float, 1> room, Array<float, 1> least, Array<int32_t, 1> row,
@@ -160,6 +179,7 @@ void bind_cloth(nb::module_& m) {
     m.def("cloth_frame", &cloth_frame);
     m.def("near_cloth", &near_cloth);
     m.def("cloth_cuts", &cloth_cuts);
+    m.def("cloth_clear", &cloth_clear);
     m.def("cloth_feet", &cloth_feet);
     m.def("cloth_limbs", &cloth_limbs);
 }

@@ -146,6 +146,9 @@ def near_cloth(
 def cloth_cuts(x: Single, triangles: Ints, edges: Ints, same: Ints) -> Ints:
     """(k,2) edges and triangles without a common vertex that cut each other."""
 
+def cloth_clear(x: Single, vertex: Ints, nearest: Ints, *arrays: object) -> None:
+    """Puts cloth out of a body, in place; see `vitruvian.cloth.layers_numpy.cloth_clear`."""
+
 def cloth_feet(
     point: Single, normal: Single, corner: Ints, share: Single, offset: Single, foot: Single, up: Single, out: Single
 ) -> None:

@@ -97,9 +97,8 @@ def sort(
     edges: Mapping[str, tuple[float, float]] | None = None,
     crotch: float | None = None,
     painted: Mapping[int, int] | None = None,
-) -> tuple[Ints, NDArray[np.bool_]]:
-    """(n,) the layer of each vertex of a cloth: `TIGHT`, `LOOSE` or `FLOATING`; and (n,) which bridge parts of the body
-    that move apart, as under arms.
+) -> Ints:
+    """(n,) the layer of each vertex of a cloth: `TIGHT`, `LOOSE` or `FLOATING`.
 
     binding: of its vertices x (n,3) metres to the skin that it was draped on; triangles (m,3) of the cloth; regions (V,) of
     the skin's vertices; trained: the skin (V,3) in training poses, and the cloth (n,3) as it is bound to it there. edges:
@@ -119,19 +118,16 @@ def sort(
     layer[(layer == TIGHT) & (binding.offset[:, 2] < 0)] = LOOSE  # it lies inside: it is put right with what is loose
     loose = np.flatnonzero(layer == LOOSE)
     layer[loose[_strays(binding, loose.astype(np.int32), where, regions, known, trained)]] = FLOATING
-    bridging = _torn(x, triangles, trained)
-    layer[bridging] = FLOATING
+    layer[_torn(x, triangles, trained)] = FLOATING
     if crotch is not None:
-        skirt = _skirted(triangles, where, known, x[:, 1], crotch)
-        layer[skirt] = FLOATING
-        bridging &= ~skirt
+        layer[_skirted(triangles, where, known, x[:, 1], crotch)] = FLOATING
     layer = _cleaned(layer, triangles)
     for vertex, value in (painted or {}).items():
         require(
             0 <= vertex < n and value in (TIGHT, LOOSE, FLOATING), "painted", "vertices and layers", (vertex, value)
         )
         layer[vertex] = value
-    return layer.astype(np.int32), bridging
+    return layer.astype(np.int32)
 
 
 def _strays(

@@ -24,6 +24,34 @@ def cloth_feet(
     out[:] = s + o[:, :1] * t + o[:, 1:2] * np.cross(n, t) + o[:, 2:] * n
 
 
+def cloth_clear(
+    x: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single, offset: float, deep: float
+) -> None:
+    """Moves some vertices (k,) of x (n,3) straight away from a body, surface (V,6) points and normals, until they are
+    `offset` metres from it, and less and less far from a third of `deep` inside on, to nothing there.
+
+    nearest (k,): triangles (t,3) from which the kernel goes on, over neighbours (t,3), as long as it comes nearer; this
+    twin asks all triangles.
+    """
+    import igl
+
+    from vitruvian.cloth.touch_numpy import shares
+
+    at, points = x[vertex].astype(np.float64), surface[:, :3].astype(np.float64)
+    face = np.asarray(igl.point_mesh_squared_distance(at, points, triangle.astype(np.int64))[1], np.int64).reshape(-1)
+    corner = triangle[face]
+    share = shares(at, points[corner])
+    foot = np.einsum("kc,kcx->kx", share, points[corner])
+    normal = _unit(np.einsum("kc,kcx->kx", share, surface[corner, 3:].astype(np.float64)))
+    apart = np.linalg.norm(at - foot, axis=1)
+    away = np.where(_dot(at - foot, normal)[:, 0] < 0, -apart, apart)
+    far = apart > 1e-5
+    normal[far] = (at[far] - foot[far]) / away[far, None]
+    some = (away < offset) & (away >= -deep)
+    part = np.minimum(1.5 * (1 + away / deep), 1)[:, None]
+    x[vertex[some]] = (at + part * (foot + offset * normal - at))[some]
+
+
 def cloth_limbs(
     r: Single, v: Single, vertex: Ints, bone: Ints, radius: Single, room: Single, least: Single, row: Ints,
     neighbour: Ints, foot_before: Single, foot: Single, up: Single, axis: Single, numbers: Single,

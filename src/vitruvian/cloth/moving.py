@@ -14,6 +14,8 @@ from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
 AROUND = 0.1  # metres about cloth in which it can meet something
+PINCH = 0.03  # metres between parts of the body that face each other: cloth there meets its own part alone
+CLEAR, WITHIN = 0.002, 0.03  # metres from the skin that cloth is put to; how deep it may be for that
 SHALLOW = 0.01  # metres that cloth may be in an arm and still be pushed out of it
 
 
@@ -64,9 +66,13 @@ class Skin:
 
     @property
     def neighbours(self) -> Ints:
-        """(t,3) the triangle across the edge from corner k to k + 1, or -1."""
+        """(t,3) the triangle across the edge from corner k to k + 1 in the same part, arms or the rest, or -1."""
         if "neighbours" not in self.shared:
-            self.shared["neighbours"] = neighbours(self.triangles)
+            arm = np.zeros(len(self.triangles), bool)
+            arm[self.parts[1]] = True
+            across = neighbours(self.triangles)
+            across[arm[across] != arm[:, None]] = -1
+            self.shared["neighbours"] = across
         return self.shared["neighbours"]
 
 
@@ -83,18 +89,29 @@ def feet(skin: Skin, corner: Ints, share: Single, offset: Single) -> tuple[Singl
     return foot, up, out
 
 
+def clear(x: Single, vertices: Ints, nearest: Ints, skin: Skin, offset: float = CLEAR) -> None:
+    """Puts some vertices (k,) of cloth at x (n,3) that are nearer to a skin than offset metres, or inside it, straight out
+    of it. nearest (k,): the triangles from which what is nearest is looked for."""
+    native = kernels()
+    if native is None:
+        from vitruvian.cloth.layers_numpy import cloth_clear
+    else:
+        cloth_clear = native.cloth_clear
+    cloth_clear(x, vertices, nearest.copy(), skin.triangles, skin.neighbours, skin.both, offset, WITHIN)
+
+
 @dataclass(frozen=True, eq=False)
 class Passing:
     """A skin during a frame, as `vitruvian.cloth.solver.step` takes the body: see `Obstacle`.
 
-    home (n,): cloth that lies on arms. Other cloth meets arms only from outside: hands that are put through the body, as
-    captured motion has it on other people's bodies, do not carry it along. bridging (n,): cloth that meets nothing.
+    home (n,): cloth that lies on arms, which are its own part of the body; of other cloth that is the rest. The other part
+    is met only from outside, as hands are put through the body where captured motion is shown on other people's bodies,
+    and not where cloth would be pinched between both, as under arms.
     """
 
     skin: Skin
     before: Skin
     home: NDArray[np.bool_]
-    bridging: NDArray[np.bool_]
     offset: float = OFFSET
     most: float = MOST
 
@@ -123,14 +140,25 @@ class Passing:
         """Distances (n,) of points (n,3) to the middles of the triangles that they meet of the skin as it is at the begin,
         and which those are (n,): from there the solver goes on to what is nearest."""
         body, arms = self.skin.parts
-        far, face = _nearest(points, self.before, body)
-        if len(arms):
-            other, on = _nearest(points, self.before, arms)
+        if not len(arms) or not len(body):
+            return _nearest(points, self.before, arms if len(arms) else body)
+        far, face = np.empty(len(points)), np.empty(len(points), np.int32)
+        for some, own, other in ((~self.home, body, arms), (self.home, arms, body)):
+            if not some.any():
+                continue
+            far[some], face[some] = _nearest(points[some], self.before, own)
+            away, on = _nearest(points[some], self.before, other)
             corner = self.triangles[on, 0]
-            up = np.einsum("nx,nx->n", points - self.before.points[corner], self.before.normals[corner])
-            meets = (other < far) & (self.home | (up > -SHALLOW))
-            far, face = np.where(meets, other, far), np.where(meets, on, face)
-        return far, np.where(self.bridging, -1, face).astype(np.int32)
+            up = np.einsum("nx,nx->n", points[some] - self.before.points[corner], self.before.normals[corner])
+            facing = np.einsum("nx,nx->n", self._middle(face[some]), self._middle(on)) < 0
+            meets = (away < far[some]) & (up > -SHALLOW) & ~(facing & (away + far[some] < PINCH))
+            far[some], face[some] = np.where(meets, away, far[some]), np.where(meets, on, face[some])
+        return far, face
+
+    def _middle(self, faces: Ints) -> Single:
+        """(n,3) normals of faces, not of length one."""
+        n, corner = self.before.normals, self.triangles[faces]
+        return n[corner[:, 0]] + n[corner[:, 1]] + n[corner[:, 2]]
 
 
 def _nearest(points: Floats, skin: Skin, faces: Ints) -> tuple[Floats, Ints]:

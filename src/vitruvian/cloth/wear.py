@@ -125,13 +125,13 @@ def wear(
         binding = _bound(skin, x, sides(person, own))
         foot = np.einsum("nk,nkx->nx", binding.share, skin.points[binding.triangles[binding.face]])
         trained = [(points, binding.at(points, normals)) for points, normals in poses]
-        layer, bridging = sort(
+        layer = sort(
             binding, x, own.triangles, person.regions, person.known, trained, edges=edges,
             crotch=_crotch(skin, person) if hips else None, painted=painted if own is garment else None,
         )  # fmt: skip
         regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
         least = _raised(foot, inner)
-        worn = made(own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, bridging, least, gap=gap)
+        worn = made(own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, least, gap=gap)
         out.append(Prepared(own, worn, matrices, x))
         inner.append((foot, binding.offset[:, 2]))
     return tuple(out)
@@ -194,11 +194,10 @@ def led(garments: Sequence[Garment], person: Wearer, matrices: Floats) -> list[F
     cloth = assemble(sheet, gap=max(1e-3, *(f.thickness for f in sheet.fabrics)))
     state, before = cloth.state(x @ turn[:3, :3].T + turn[:3, 3]), person.at(start)[0]
     home = np.concatenate([sides(person, g) > 0 for g in garments])
-    free = np.zeros(len(home), bool)
     for k in range(1, LOWERING + SETTLING + 1):
         share = min(1.0, k / LOWERING)
         skin = person.at(between(skeleton, start, matrices, share * share * (3 - 2 * share)))[0]
-        state = step(cloth, state, obstacle=Passing(skin, before, home, free), damping=2.0)
+        state = step(cloth, state, obstacle=Passing(skin, before, home), damping=2.0)
         before = skin
     ends = np.cumsum([0, *(len(g.vertices) for g in garments)])
     return [state.x[a:b].astype(np.float64) for a, b in zip(ends, ends[1:])]

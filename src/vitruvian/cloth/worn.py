@@ -7,6 +7,7 @@ Source: seed 003, section 5.3.2; note cloth.md, section 7. All of it is in human
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,41 +18,49 @@ from vitruvian.cloth import rough as roughly
 from vitruvian.cloth.binding import Binding
 from vitruvian.cloth.layers import FLOATING, LOOSE
 from vitruvian.cloth.limbs import Limbs
-from vitruvian.cloth.moving import Passing, Skin, feet
+from vitruvian.cloth.moving import Passing, Skin, clear, feet
 from vitruvian.cloth.rough import Rough
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.cloth.solver import FRAME, GRAVITY, Cloth, State, assemble, step
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 Single = NDArray[np.float32]
-STEPS = 20  # of a frame, for cloth that floats
+STEPS = 12  # of a frame, for cloth that floats
 BAND = 3  # rings of vertices over which one layer becomes the next
 JUMP = 0.5  # metres that a body moves in a frame when it is put elsewhere
+ALONE = 0.002  # metres a frame that floating cloth may move beside what its neighbours do, and as much as those
 LONGEST, MOST = 1 / 30, 8  # seconds of a frame; what takes longer is made up for in so many at most
 
 
 @dataclass(frozen=True, eq=False)
 class Floating:
     """The part that is simulated: vertices (k,) of the garment, those of its `cloth`, of which `border` are moved; home
-    (k,): those that are bound to arms; bridging (k,): those that hang between parts of the body that move apart, which
-    would be pinched there, and are not kept out of it."""
+    (k,): those that are bound to arms; free (f,): those that float;
+    mean (f,k): of the neighbours of each."""
 
     vertices: Ints
     cloth: Cloth
     border: Ints
     home: NDArray[np.bool_]
-    bridging: NDArray[np.bool_]
+    free: Ints
+    mean: csr_array
 
 
 @dataclass(frozen=True, eq=False)
 class Worn:
     """A garment ready to be worn: its sheet, the layer (n,) of each vertex, corner, share and offset (n,3) by which all are
-    bound to the skin, and what moves each layer."""
+    bound to the skin, the vertices (k,) that are loose and the triangles (k,) of the skin beneath them, and what moves each
+    layer."""
 
     sheet: Sheet
     layer: Ints
     corner: Ints
     share: Single
     offset: Single
+    loose: Ints
+    beneath: Ints
     limbs: Limbs | None
     rough: Rough | None
     floating: Floating | None
@@ -75,29 +84,46 @@ class Now:
 
 def made(
     sheet: Sheet, x: Floats, binding: Binding, layer: Ints, regions: Ints, bones: Ints, skin: Skin, joints: Floats,
-    bridging: NDArray[np.bool_], least: Floats, *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
+    least: Floats, *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
 ) -> Worn:  # fmt: skip
     """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
 
     layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
-    region's bone, or -1; joints (J,3) metres: where they are; bridging (n,): cloth between parts of the body that
-    move apart; least (n,) metres that loose cloth keeps from the skin. gap: metres that floating cloth keeps
-    from itself, 0: none.
+    region's bone, or -1; joints (J,3) metres: where they are; least (n,) metres that loose cloth keeps from the
+    skin. gap: metres that floating cloth keeps from itself, 0: none. Loose cloth on the trunk that nothing but
+    floating cloth would hold floats, too.
     """
     x = floats(x, "x", len(layer), 3)
     hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
-    others = (layer == LOOSE) & ~hanging
+    unheld = _unheld(sheet.edges, (layer == LOOSE) & ~hanging, layer != FLOATING)
+    layer = np.where(unheld, FLOATING, layer).astype(np.int32)
+    loose = layer == LOOSE
+    others = loose & ~hanging
     around = layer != FLOATING
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     return Worn(
         sheet, layer, np.ascontiguousarray(binding.triangles[binding.face], np.int32), single(binding.share),
-        single(binding.offset),
+        single(binding.offset), np.flatnonzero(loose).astype(np.int32), binding.face[loose].astype(np.int32),
         about.made(sheet, x, binding, hanging, around, regions, bones, joints, rings(sheet.edges, around & ~hanging),
                    least, skin, gravity, BAND),
         roughly.made(sheet, x, np.minimum(least, binding.offset[:, 2]), others, around,
                      rings(sheet.edges, around & ~others), BAND),
-        _floating(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0, bridging),
+        simulated(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0),
     )  # fmt: skip
+
+
+def _unheld(edges: Ints, loose: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) vertices of loose pieces without a neighbour that is `held` (n,) and not loose."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(loose)
+    a, b = edges[loose[edges].all(axis=1)].T
+    piece = connected_components(coo_array((np.ones(len(a)), (a, b)), (n, n)), directed=False)[1]
+    found = np.zeros(n, bool)
+    for p, q in (edges.T, edges[:, ::-1].T):
+        found[piece[p[loose[p] & held[q] & ~loose[q]]]] = True
+    return loose & ~found[piece]
 
 
 def begun(worn: Worn, skin: Skin, joints: Floats, below: Skin | None = None) -> Now:
@@ -159,27 +185,51 @@ def _moved(
         f = worn.floating
         slow = float(np.mean([c.damping for c in f.cloth.sheet.fabrics]))
         pull = np.asarray(gravity, np.float64) + slow * drift  # the air moves along: else clothes lag behind a walk
+        before = floating.x
         floating = step(
             f.cloth, floating, dt=dt, substeps=steps, gravity=(pull[0], pull[1], pull[2]), damping=slow,
-            targets=x[f.vertices[f.border]], obstacle=Passing(met, now.met, f.home, f.bridging), wind=wind,
+            targets=x[f.vertices[f.border]], obstacle=Passing(met, now.met, f.home), wind=wind,
         )  # fmt: skip
-        x[f.vertices] = floating.x
+        own = f.vertices[f.free]
+        _together(f, floating, before, dt)
+        x[own] = floating.x[f.free]
+        nearest = None if floating.nearest is None else floating.nearest[f.free]
+        if nearest is not None:
+            clear(x, own, nearest, met)
+    clear(x, worn.loose, worn.beneath, skin)
     return Now(x, skin, met, foot, up, joints, limbs, rough, floating)
 
 
-def _floating(
-    sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_], bridging: NDArray[np.bool_]
-) -> Floating | None:
+def _together(f: Floating, state: State, before: Single, dt: float) -> None:
+    """No floating vertex jumps alone, as it would where another side of the body becomes the nearest."""
+    way = state.x - before
+    mean = f.mean @ way
+    own = way[f.free] - mean
+    size, most = np.linalg.norm(own, axis=1), np.linalg.norm(mean, axis=1) + ALONE
+    far = np.flatnonzero(size > most)
+    some = f.free[far]
+    way[some] = mean[far] + own[far] * (most[far] / size[far])[:, None]
+    state.x[some] = before[some] + way[some]
+    state.v[some] = way[some] / dt
+
+
+def simulated(sheet: Sheet, layer: Ints, gap: float, home: NDArray[np.bool_]) -> Floating | None:
     """What floats, with the vertices around it."""
+    from scipy.sparse import csr_array
+
     some = (layer[sheet.triangles] == FLOATING).any(axis=1)
     if not some.any():
         return None
     vertices, triangles = np.unique(sheet.triangles[some], return_inverse=True)
     own = Sheet(triangles.reshape(-1, 3).astype(np.int32), sheet.material[some], sheet.fabric[some], sheet.fabrics)
-    border = np.flatnonzero(layer[vertices] != FLOATING).astype(np.int32)
+    held = layer[vertices] != FLOATING
+    border, free = np.flatnonzero(held).astype(np.int32), np.flatnonzero(~held).astype(np.int32)
+    a, b = np.concatenate([own.edges, own.edges[:, ::-1]]).T
+    degree = np.maximum(np.bincount(a, minlength=len(vertices)), 1)
+    mean = csr_array(((1 / degree[a]).astype(np.float32), (a, b)), (len(vertices), len(vertices)))[free]
     return Floating(
-        vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border, home[vertices], bridging[vertices]
-    )
+        vertices.astype(np.int32), assemble(own, pinned=border, gap=gap), border, home[vertices], free, mean
+    )  # fmt: skip
 
 
 def rings(edges: Ints, start: NDArray[np.bool_], most: int = 16) -> Ints:

@@ -5,8 +5,12 @@ Source: seed 003, sections 5.3.2 and 6.3; note cloth.md, section 7.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import call
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
 
 Single = NDArray[np.float32]
 CALMING = 12  # frames in which cloth comes to rest after a leap
+MOST = 8  # threads
 COLOURS = ((0.33, 0.42, 0.58), (0.62, 0.30, 0.27), (0.80, 0.76, 0.66), (0.30, 0.36, 0.30))
 
 
@@ -65,39 +70,43 @@ class Wardrobe:
     def __init__(self) -> None:
         self.worn: dict[str, tuple[Actor, Wearer, list[Dress]]] = {}
         self.wind: Floats | None = None  # (3,) m/s, humanoid space
+        self.pool: ThreadPoolExecutor | None = None
 
     def __call__(self, stage: Stage, dt: float) -> None:
-        for actor, person, dresses in self.worn.values():
-            draft = stage.draft(actor.name)
-            if not len(draft.matrices):
-                continue
-            points = draft.vertices
-            if points is None or len(points) != len(
-                person.skin.points
-            ):  # at another level of detail, or left to the page
-                points = person.run(draft.matrices)
-            same = all(d.matrices is draft.matrices for d in dresses)
-            if same and dt == 0 and not stage.leapt:
-                for dress in dresses:
-                    dress.show(stage)
-                continue
-            skin, joints = person.on(points), person.joints(draft.matrices)
-            met = skin
-            for k, dress in enumerate(dresses):
-                worn = dress.prepared.worn
-                if dress.now is None:
-                    dress.now = entered(dress.prepared, person, draft.matrices)
-                if dress.matrices is None or stage.leapt:
-                    dress.now = begun(worn, skin, joints, met) if stage.leapt else replace(dress.now, met=met)
-                    for _ in range(CALMING):
-                        dress.now = moved(worn, dress.now, skin, joints, below=met)
-                else:
-                    dress.now = moved(worn, dress.now, skin, joints, dt=dt or FRAME, wind=self.wind, below=met)
-                dress.matrices = draft.matrices
+        # people do not wait for each other: what each wears is computed by itself, the same in any number of threads
+        here = [one for one in self.worn.values() if len(stage.draft(one[0].name).matrices)]
+        work = [partial(self._dress, stage, dt, *one) for one in here]
+        if len(work) > 1 and self.pool is None:
+            self.pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST), "clothes")
+        for _ in map(call, work) if self.pool is None else self.pool.map(call, work):
+            pass
+        for _, _, dresses in here:
+            for dress in dresses:
                 dress.show(stage)
-                if k + 1 < len(dresses):
-                    x = dress.now.x
-                    met = met.under(x, dress.cloth.normals(x), dress.prepared.garment.triangles, dress.shared)
+
+    def _dress(self, stage: Stage, dt: float, actor: Actor, person: Wearer, dresses: list[Dress]) -> None:
+        draft = stage.draft(actor.name)
+        points = draft.vertices
+        if points is None or len(points) != len(person.skin.points):  # at another level of detail, or left to the page
+            points = person.run(draft.matrices)
+        if all(d.matrices is draft.matrices for d in dresses) and dt == 0 and not stage.leapt:
+            return
+        skin, joints = person.on(points), person.joints(draft.matrices)
+        met = skin
+        for k, dress in enumerate(dresses):
+            worn = dress.prepared.worn
+            if dress.now is None:
+                dress.now = entered(dress.prepared, person, draft.matrices)
+            if dress.matrices is None or stage.leapt:
+                dress.now = begun(worn, skin, joints, met) if stage.leapt else replace(dress.now, met=met)
+                for _ in range(CALMING):
+                    dress.now = moved(worn, dress.now, skin, joints, below=met)
+            else:
+                dress.now = moved(worn, dress.now, skin, joints, dt=dt or FRAME, wind=self.wind, below=met)
+            dress.matrices = draft.matrices
+            if k + 1 < len(dresses):
+                x = dress.now.x
+                met = met.under(x, dress.cloth.normals(x), dress.prepared.garment.triangles, dress.shared)
 
 
 def dressed(stage: Stage, name: str, garments: Sequence[Prepared] | Garment) -> Wardrobe:
