@@ -21,7 +21,7 @@ from usd_stranger import findings, skinned  # noqa: E402
 from vitruvian.body.kinematics import move  # noqa: E402
 from vitruvian.errors import FileError, VitruvianError  # noqa: E402
 from vitruvian.formats import usd_reader, usd_stage  # noqa: E402
-from vitruvian.formats.registry import _clip  # noqa: E402
+from vitruvian.formats.scenes import clip_of as _clip  # noqa: E402
 from vitruvian.formats.usd_figure import _shared  # noqa: E402
 from vitruvian.formats.usd_mesh import surfaces  # noqa: E402
 from vitruvian.formats.usd_reader import read_usd  # noqa: E402

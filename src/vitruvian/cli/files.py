@@ -219,7 +219,7 @@ def convert(
     actor: str | None = Actor,
     skeleton: Path | None = Skeleton,
     bake: bool = Bake,
-    tolerance: float = Tolerance,
+    tolerance: float | None = Tolerance,
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:

@@ -27,22 +27,24 @@ Bake = typer.Option(
     "CoordinateInterpolator, USD as every frame.",
 )
 Tolerance = typer.Option(
-    1.0, "--tolerance", min=0.001, max=1000.0, help="With --bake of X3D and VRML: millimetres a point may be off."
+    None,
+    "--tolerance",
+    min=0.001,
+    max=1000.0,
+    help="Millimetres a point may be off: with --bake of X3D and VRML (1), and of moving clothes (2).",
 )
 
 
-def baking(out: Path, bake: bool, tolerance: float) -> dict[str, Any]:
-    """Options of `save` for --bake and --tolerance (millimetres)."""
+def baking(out: Path, bake: bool, tolerance: float | None, *, clothes: bool = False) -> dict[str, Any]:
+    """Options of `save` for --bake and --tolerance (millimetres); `clothes`: whether any are moving."""
     from vitruvian.formats.registry import SCENES, USD, extension
 
-    if not bake:
-        return {}
     form = extension(out)
-    if form in USD:
-        return {"bake": True}
-    if form not in (*SCENES, ".json"):
+    if bake and form not in (*SCENES, *USD, ".json"):
         raise VitruvianError(f"--bake: expected an X3D, VRML or USD file to write, found {out}")
-    return {"bake": True, "tolerance": tolerance / 1000}
+    options: dict[str, Any] = {"bake": True} if bake else {}
+    within = clothes and form in (*SCENES, *USD, ".json", ".glb") or bake and form not in USD
+    return options | ({"tolerance": tolerance / 1000} if within and tolerance is not None else {})
 
 
 def baked(report: dict[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ import typer
 from vitruvian.cli import app
 from vitruvian.cli.capture import Fps, Skeleton, Unit, Up, no_joints, said
 from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
+from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, fit_of, told
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -130,15 +131,15 @@ def movement(source: str, body: Body, clip: str | None = None, *, names: Path | 
     return retarget(found, soled(body), names=own_names(names) or None)
 
 
-def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float = 1.0) -> dict[str, Any]:
+def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float | None = None) -> dict[str, Any]:
     """Write a clip to a file of any kind we have: scenes, GLB, USD, BVH, OBJ, a page, a picture or a film."""
     kind = out.suffix.lower()
-    options = baking(out, bake, tolerance)
+    options = baking(out, bake, tolerance, clothes=bool(clip.caches))
     if kind == ".html":
         from vitruvian.show.recording import record
 
-        record(clip, out)
-    elif kind == ".png":
+        return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0} | record(clip, out)
+    if kind == ".png":
         from vitruvian.show.picture import picture
 
         picture(clip, out)
@@ -154,7 +155,10 @@ def write(clip: Clip, out: Path, *, bake: bool = False, tolerance: float = 1.0) 
     return {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
 
 
-@app.command(epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb")
+@app.command(
+    epilog="Example: vitruvian animate body.x3d walk.bvh -o walking.glb, or "
+    "vitruvian animate person walk --garment tshirt --garment trousers -o dressed.glb"
+)
 def animate(
     body: str = typer.Argument(..., help="H-Anim, glTF, VRM or USD file, or the word person."),
     motion: str = typer.Argument(..., help="BVH, AMC, npz, VRMA, glTF, H-Anim or USD file, or walk or idle."),
@@ -173,25 +177,33 @@ def animate(
     up: str | None = Up,
     fps: float | None = Fps,
     skeleton: Path | None = Skeleton,
+    garment: list[str] = Garments,
+    fabric: list[str] = Fabrics,
     bake: bool = Bake,
-    tolerance: float = Tolerance,
+    tolerance: float | None = Tolerance,
     as_json: bool = Json,
 ) -> None:
-    """Put a motion on a body and write what comes out.
+    """Put a motion on a body, and clothes if it is to wear any, and write what comes out. Exit status 1: a garment does not
+    close.
 
-    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .amc .npz .trc .csm .obj.
+    Writes .glb .usdz .usdc .usda .x3d .x3dv .x3dj .wrl .html .mp4 .png .bvh .amc .npz .trc .csm .obj; with --garment also
+    NAME.objs, a folder with an OBJ for each frame, and NAME.cache.npz, the moving clothes alone.
     """
+    from dataclasses import replace
+
     from vitruvian.body.pack import pack
+    from vitruvian.cli.dressing import _bare
     from vitruvian.deform.deformer import deformer as bind
     from vitruvian.motion.contacts import floor_penetration_mm, foot_slide_mm
     from vitruvian.stage.clip import Clip
 
     start = time.perf_counter()
     options = said(motion, unit, up, fps, None, skeleton)
-    humanoid = subject(body, repair=repair)
+    humanoid = _bare(body, repair) if garment else subject(body, repair=repair)
     packed = pack(humanoid)
     bind(deformer, packed)  # an unknown name fails here, before the work
     shown = Clip(humanoid, packed, movement(motion, packed, clip, names=names, **options), deformer)
+    shown = clothes_of(replace(shown, garment=dressed_in(garment, fabric, humanoid)), out, bake=bake)
     report = write(shown, out, bake=bake, tolerance=tolerance)
     moved = shown.motion
     assert moved is not None
@@ -203,8 +215,13 @@ def animate(
         "seconds": time.perf_counter() - start,
         **report,
     }
+    reasons, able = fit_of(shown.garment)
+    if garment:
+        document["reasons"] = reasons
     text = (
         f"wrote {out}: {count(document['frames'], 'frame')} at {moved.fps:g} per second; feet slide "
         f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
     )
-    emit(document, "\n".join([text, *baked(report)]), as_json)
+    emit(document, "\n".join([text, *baked(report), *told(report), *reasons]), as_json)
+    if not able:
+        raise typer.Exit(1)

@@ -9,6 +9,7 @@ glTF players skin linearly, with four influences: what that changes is measured 
 from __future__ import annotations
 
 import os
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,16 +39,17 @@ _WHITE = bytes.fromhex(
 
 
 def write_glb(
-    thing: Clip | Humanoid | Body | Mesh, path: str | os.PathLike[str], *, influences: int = 4
+    thing: Clip | Humanoid | Body | Mesh, path: str | os.PathLike[str], *, influences: int = 4, tolerance: float = 0.002
 ) -> dict[str, Any]:
     """Write a Clip, Humanoid, Body or Mesh as GLB and report what the format could not carry.
 
-    influences: joints per vertex, 4 (every player) or 8 (JOINTS_1, WEIGHTS_1, which many players ignore).
+    influences: joints per vertex, 4 (every player) or 8 (JOINTS_1, WEIGHTS_1, which many players ignore). tolerance:
+    metres that points of the clip's caches may be off in any frame, see `formats.gltf_cloth`.
     The report: `vertices triangles joints bytes`; `pruned_weights` vertices that lost influences and
     `largest_dropped_weight`, what the largest leave out at most; `max_vertex_error_m` and `rms_vertex_error_m` of that
     over `poses` poses (rest and every frame, or 100 random ones); `deformer` and `deformer_difference_m`, the largest
-    distance between the clip's own deformer and the linear skin that players show; `displacer_error_m`; `lost`, a list
-    of sentences.
+    distance between the clip's own deformer and the linear skin that players show; `displacer_error_m`; `cloth`, of each
+    cache its `name frames points shapes max_error_m tolerance_m closing_m`; `lost`, a list of sentences.
     Raises `VitruvianError` when there is nothing to write or `influences` is neither 4 nor 8.
     """
     if influences not in (4, 8):
@@ -70,7 +72,13 @@ def write_glb(
 
         humanoid, body = thing, pack(thing)
     doc = Document()
-    report, _, _ = figure(doc, body, humanoid, motion, deformer, influences)
+    report, nodes, _ = figure(doc, body, humanoid, motion, deformer, influences)
+    for cache in thing.caches if isinstance(thing, Clip) else ():
+        from vitruvian.formats.gltf_cloth import wear
+
+        node, facts = wear(doc, nodes, body, motion, cache, partial(_drawn, doc, cache.name, report["lost"]), tolerance)
+        doc.root["scenes"][0]["nodes"].append(node)
+        report.setdefault("cloth", []).append(facts)
     report["bytes"] = doc.write(path)
     return report
 
@@ -133,6 +141,14 @@ def _skinned(
         "joints": bones, "skeleton": nodes.root, "inverseBindMatrices": doc.add(inverse),
     })  # fmt: skip
     return doc.append("nodes", {"name": "body", "mesh": doc.append("meshes", mesh), "skin": index})
+
+
+def _drawn(
+    doc: Document, name: str, lost: list[str], skin: Skin, source: NDArray, triangles: NDArray, uv: NDArray | None,
+    normals: Floats,
+) -> dict[str, Any]:  # fmt: skip
+    """A mesh of drawn vertices `source` of a surface."""
+    return _mesh(doc, name, skin, triangles, _attributes(doc, skin, source, uv, normals), uv is not None, lost)
 
 
 def _split_creases(

@@ -57,8 +57,11 @@ class Document:
             item["normalized"] = True
         return self.append("accessors", item)
 
-    def add_sparse(self, count: int, index: NDArray, values: NDArray) -> int:
-        """An accessor of `count` vectors that are zero but at `index` (increasing), where they are values (n,3)."""
+    def add_sparse(self, count: int, index: NDArray, values: NDArray, where: list[int] | None = None) -> int:
+        """An accessor of `count` vectors that are zero but at `index` (increasing), where they are values (n,3).
+
+        where: takes the bufferView of the index, for further accessors with the same one.
+        """
         data = np.ascontiguousarray(values, np.float32)
         item = self._accessor(data, False)
         low, high = data.min(axis=0), data.max(axis=0)
@@ -66,10 +69,13 @@ class Document:
             low, high = np.minimum(low, 0), np.maximum(high, 0)
         item.update(count=count, min=[float(x) for x in low], max=[float(x) for x in high])
         small = np.uint16 if count <= 0xFFFF else np.uint32
+        where = [] if where is None else where
+        if not where:
+            where.append(self.view(np.ascontiguousarray(index, small)))
         item["sparse"] = {
             "count": len(index),
             "indices": {
-                "bufferView": self.view(np.ascontiguousarray(index, small)),
+                "bufferView": where[0],
                 "componentType": _TYPES[np.dtype(small)],
             },
             "values": {"bufferView": self.view(data)},

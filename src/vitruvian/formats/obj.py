@@ -6,7 +6,7 @@ Source: Wavefront's appendix B1 to the Advanced Visualizer manual; colours after
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -301,11 +301,29 @@ def write_obj(
         if isinstance(thing, Clip) and thing.motion is not None:
             lost.append(f"OBJ holds no motion: this is the surface at {time:g} s")
         if colors is None and len(parts) > 1:
-            each = np.repeat(np.array([p.color for p in parts]), [p.stop - p.start for p in parts], axis=0)
-            colors = np.zeros_like(vertices)
-            colors[triangles.reshape(-1)] = np.repeat(each, 3, axis=0)
+            colors = painted(len(vertices), triangles, parts)
     if not len(triangles):
         raise VitruvianError(f"{path}: there is no triangle to write")
+    with atomic(path) as temporary:
+        temporary.write_text(text_of(name, vertices, triangles, uv, faces_uv, colors, parts), encoding="utf-8")
+    for sentence in lost:
+        warn(f"{path}: {sentence}")
+    return {"vertices": len(vertices), "triangles": int(len(triangles)), "lost": lost}
+
+
+def painted(count: int, triangles: NDArray, parts: Sequence[Part]) -> Floats:
+    """(count,3) sRGB of points whose triangles belong to parts."""
+    each = np.repeat(np.array([p.color for p in parts]), [p.stop - p.start for p in parts], axis=0)
+    out = np.zeros((count, 3))
+    out[triangles.reshape(-1)] = np.repeat(each, 3, axis=0)
+    return out
+
+
+def text_of(
+    name: str, vertices: Floats, triangles: NDArray, uv: Floats | None, faces_uv: NDArray | None, colors: Floats | None,
+    parts: Sequence[Part],
+) -> str:  # fmt: skip
+    """An OBJ file of one object, a group for each part."""
     columns = vertices if colors is None else np.concatenate([vertices, colors], -1)
     form = "v %.7g %.7g %.7g" + ("" if colors is None else " %.4g %.4g %.4g")
     text = [f"# vitruvian\no {_word(name)}", *(form % tuple(row) for row in columns.tolist())]
@@ -317,11 +335,7 @@ def write_obj(
         lines = [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]
     for part in parts:
         text += [f"g {_word(part.name)}", *lines[part.start : part.stop]]
-    with atomic(path) as temporary:
-        temporary.write_text("\n".join(text) + "\n", encoding="utf-8")
-    for sentence in lost:
-        warn(f"{path}: {sentence}")
-    return {"vertices": len(vertices), "triangles": int(len(triangles)), "lost": lost}
+    return "\n".join(text) + "\n"
 
 
 def _word(name: str) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vitruvian.errors import FileError, VitruvianError, warn
+from vitruvian.formats.scenes import clip_of, save_baked, save_scene
 
 if TYPE_CHECKING:
     from vitruvian.hanim.doctor import Finding
@@ -73,8 +73,10 @@ WRITERS = (
     ".npz",
     *MARKERS,
     ".obj",
+    ".objs",
     *USD,
 )
+CACHE = ".cache.npz"
 
 
 def _function(where: tuple[str, str]) -> Callable[..., Any]:
@@ -138,6 +140,10 @@ def contents(path: str | Path, *, repair: bool = False, **options: Any) -> list[
     thing that other files are. Errors and options as for `load`."""
     path = _existing(path)
     form = kind(path)
+    if path.name.lower().endswith(CACHE):
+        from vitruvian.formats.cache_file import read_caches
+
+        return [read_caches(path)]
     if form in SCENES:
         return list(humanoids(path, repair=repair))
     if form in READERS:
@@ -158,7 +164,8 @@ def load(path: str | Path, *, name: str | None = None, repair: bool = False, **o
     `Markers` (.c3d .trc .csm), `Storage` (.mot .sto), `Mechanism` (.osim) or `Mesh` (.obj .ply .stl);
     glTF (.glb .gltf .vrm .vrma) may hold a humanoid, a motion or a mesh. A .json file is what the key on its top says:
     {"X3D": ...} is a scene, {"pattern": ...} a `Pattern` of GarmentCode, {"parts": ...} one of FreeSewing,
-    {"vitruvian_pattern": ...} one of ours; .svg and .dxf drawings are patterns too.
+    {"vitruvian_pattern": ...} one of ours; .svg and .dxf drawings are patterns too. NAME.cache.npz holds a tuple of
+    `VertexCache`.
 
     `name` picks one of several humanoids. `repair` drops what can't be meant (non-finite numbers, indices outside their
     array) with a warning instead of refusing it. Other options go to the reader (captures: `unit`, `up`, `fps`, `actor`,
@@ -199,6 +206,9 @@ def save(
     `hanim` "2.0", "200x" or "1.1" picks the H-Anim version of scene files and builds them afresh. Without it, a humanoid
     that came from a file of the same family goes back into its own scene graph, so that what we don't know survives;
     others become 2.0 in X3D and 200x in VRML97.
+    A Clip in a garment: the cloth moves in .glb (morph targets), scenes (CoordinateInterpolator) and USD (time samples)
+    with the body as those move it, within `tolerance` (metres, 0.002), and the report has `cloth`; NAME.objs is a folder of
+    an OBJ for each frame, NAME.cache.npz the moving clothes alone. See `vitruvian.stage.baking.bake`.
     `clip` names the animation of a Humanoid's own file that files with one motion (.glb .bvh .obj) get.
     A Pattern is written as .pattern.json, or drawn as .svg or .dxf.
     Returns a report: {"lost": [what the format can't hold], "pruned_weights": vertices, "max_vertex_error_m": m}.
@@ -219,7 +229,11 @@ def save(
     if not path.parent.is_dir():
         raise VitruvianError(f"{path}: the folder {path.parent} does not exist")
     report: dict[str, Any] = {"lost": [], "pruned_weights": 0, "max_vertex_error_m": 0.0}
-    if form in MOTIONS:
+    if path.name.lower().endswith(CACHE):
+        from vitruvian.formats.cache_file import write_caches
+
+        report |= write_caches(_with_caches(clip_of(thing, path, clip), path).caches, path)
+    elif form in MOTIONS:
         report |= _save_motion(thing, path, form, clip)
     elif isinstance(thing, Motion | Markers):
         what, fits = ("a motion", MOTIONS) if isinstance(thing, Motion) else ("markers", MARKERS)
@@ -227,29 +241,68 @@ def save(
     elif form == ".glb":
         from vitruvian.formats.glb import write_glb
 
-        report |= write_glb(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
+        report |= write_glb(
+            thing if isinstance(thing, Mesh) else _with_caches(clip_of(thing, path, clip), path), path, **options
+        )
     elif form == ".vrm":
         from vitruvian.formats.vrm import write_vrm
 
         if isinstance(thing, Mesh):
             raise VitruvianError(f"{path}: a VRM needs a humanoid; a mesh can be written as .glb or .obj")
-        report |= write_vrm(_clip(thing, path, clip), path, **options)
+        report |= write_vrm(clip_of(thing, path, clip), path, **options)
     elif form in USD:
         from vitruvian.formats.usd import write_usd
 
         things = thing if isinstance(thing, list | tuple) else [thing]
-        report |= write_usd([t if isinstance(t, Mesh) else _clip(t, path, clip) for t in things], path, **options)
+        clips = [t if isinstance(t, Mesh) else clip_of(t, path, clip) for t in things]
+        report |= write_usd(_with_caches(clips, path, bake=options.get("bake", False)), path, **options)
     elif form == ".obj":
         from vitruvian.formats.obj import write_obj
 
-        report |= write_obj(thing if isinstance(thing, Mesh) else _clip(thing, path, clip), path, **options)
+        report |= write_obj(thing if isinstance(thing, Mesh) else clip_of(thing, path, clip), path, **options)
+    elif form == ".objs" and not isinstance(thing, Mesh):
+        from vitruvian.formats.obj_sequence import write_sequence
+
+        report |= write_sequence(_with_caches(clip_of(thing, path, clip), path), path)
     elif isinstance(thing, Mesh):
         raise VitruvianError(f"{path}: a mesh without skeleton can be written as .glb or .obj")
     elif options.pop("bake", False):
-        report |= _save_baked(thing, path, form, hanim, clip, **options)
+        report |= save_baked(_with_caches(thing, path, bake=True), path, form, hanim, clip, **options)
     else:
-        report["lost"] += _save_scene(thing, path, form, hanim, **options)
+        report |= save_scene(_with_caches(thing, path), path, form, hanim, **options)
+    garment = getattr(thing, "garment", None)
+    if garment is not None and not clothed(path):
+        report["lost"] = [*report["lost"], f"{garment.name}, which is worn: clothes move in .glb, scenes and USD"]
     return report
+
+
+def clothed(path: str | Path) -> bool:
+    """Whether moving clothes can be written into a file of this name."""
+    form = extension(Path(path))
+    return form in (".glb", ".json", ".objs", *SCENES, *USD) or str(path).lower().endswith(CACHE)
+
+
+def shown_by(path: str | Path, deformer: str, *, bake: bool = False) -> str:
+    """The deformer by which a body moves in a file of this name that was written for another one: what plays it skins
+    linearly, but where deformed points are in it."""
+    form = extension(Path(path))
+    skins = form == ".glb" or (form in (".json", *SCENES, *USD) and not bake)
+    return "linear" if skins else deformer
+
+
+def _with_caches(thing: Any, path: Path, *, bake: bool = False) -> Any:
+    """Clips in garments with what those do on the body as the file at `path` shows it."""
+    from dataclasses import replace
+
+    from vitruvian.stage.clip import Clip
+
+    if isinstance(thing, list | tuple):
+        return [_with_caches(t, path, bake=bake) for t in thing]
+    if not isinstance(thing, Clip) or thing.garment is None or thing.caches:
+        return thing
+    from vitruvian.stage.baking import bake as bake_clothes
+
+    return replace(thing, caches=bake_clothes(thing, deformer=shown_by(path, thing.deformer, bake=bake)))
 
 
 def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[str, Any]:
@@ -263,7 +316,7 @@ def _save_motion(thing: Any, path: Path, form: str, clip: str | None) -> dict[st
         if form not in MARKERS:
             raise VitruvianError(f"{path}: markers have no joints; they can be written as {', '.join(MARKERS)}")
         return write(thing, path)
-    motion = thing if isinstance(thing, Motion) else _clip(thing, path, clip if form != ".vrma" else None).motion
+    motion = thing if isinstance(thing, Motion) else clip_of(thing, path, clip if form != ".vrma" else None).motion
     if motion is None:
         raise VitruvianError(f"{path}: expected a motion to write, found none")
     report = write(markers_of(motion) if form in MARKERS else motion, path) or {"lost": []}
@@ -280,129 +333,6 @@ _MOTION_WRITERS = {
     ".trc": ("trc", "write_trc"),
     ".csm": ("csm", "write_csm"),
 }
-
-
-def _save_baked(
-    thing: Any, path: Path, form: str, hanim: str | None, clip: str | None, *, tolerance: float = 0.001
-) -> dict[str, Any]:
-    """A scene whose skins move by CoordinateInterpolators. The report of `save`."""
-    from vitruvian.formats.bake import bake_skin
-
-    if hanim == "1.1":
-        raise VitruvianError("bake: H-Anim 1.1 has no skin; write 200x, or cut the skin into segments")
-    version = hanim or ("200x" if form == ".wrl" else "2.0")
-    figures, lost, baked = [], [], []
-    for one in thing if isinstance(thing, list | tuple) else [thing]:
-        moving = _clip(one, path, clip)
-        plain, tracks, facts = bake_skin(moving, tolerance=tolerance)
-        if moving.motion is not None:
-            (plain,) = _with_clips([replace(moving, humanoid=plain)], path, "interpolators")
-            plain = replace(plain, tracks=[t for t in plain.tracks if t.field != "weight"])
-        fitted, gone = _without_newer_joints(plain, form, version)
-        figures.append(replace(fitted, tracks=[*fitted.tracks, *tracks]))
-        lost += facts.pop("lost") + gone
-        baked.append(facts)
-    lost += _write_figures(figures, path, form, version)
-    facts = {k: max(b[k] for b in baked) for k in ("frames", "keys", "max_error_m")}
-    facts |= {"points": sum(b["points"] for b in baked), "tolerance_m": tolerance, "bytes": path.stat().st_size}
-    return {"lost": lost, "max_vertex_error_m": facts["max_error_m"], "baked": facts}
-
-
-def _clip(thing: Any, path: Path, clip: str | None = None) -> Any:
-    """`thing` as a Clip: a Humanoid brings the animation of its own file, the one named `clip` or the first."""
-    from vitruvian.body.pack import pack
-    from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.motion.tracks import motion_of
-    from vitruvian.stage.clip import Clip
-
-    if isinstance(thing, Clip):
-        return thing
-    if isinstance(thing, Humanoid):
-        body = pack(thing)
-        return Clip(thing, body, motion_of(thing, body.skeleton, name=clip))
-    raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid, Clip, Motion or Mesh")
-
-
-def _save_scene(
-    thing: Any, path: Path, extension: str, hanim: str | None, *, motion: str = "interpolators", draft: bool = False
-) -> list[str]:
-    things = list(thing) if isinstance(thing, list | tuple) else [thing]
-    if not things:
-        raise VitruvianError(f"{path}: expected at least one Humanoid or Clip to write, found none")
-    before: list[str] = []
-    humanoids = []
-    for humanoid in _with_clips(things, path, motion):
-        fitted, gone = _without_newer_joints(humanoid, extension, hanim)
-        humanoids.append(fitted)
-        before += gone
-    return before + _write_figures(humanoids, path, extension, hanim, draft=draft)
-
-
-def _write_figures(
-    humanoids: list[Humanoid], path: Path, extension: str, hanim: str | None, *, draft: bool = False
-) -> list[str]:
-    from vitruvian.formats.pictures import Addresses, staying
-    from vitruvian.hanim.build import scene_of
-
-    encoding = "x3dj" if extension == ".json" else extension[1:]
-    addresses = Addresses(path, beside=encoding == "wrl")  # VRML97 browsers know no data URIs
-    built, lost = scene_of(humanoids, version=hanim, encoding=encoding, draft=draft, address=addresses)
-    if built is humanoids[0].scene:  # it goes back as it came, with the addresses that it has
-        lost += staying(humanoids, path.parent)
-    addresses.write()
-    write_scene(built, path)
-    return lost + addresses.lost()
-
-
-def _without_newer_joints(humanoid: Humanoid, extension: str, hanim: str | None) -> tuple[Humanoid, list[str]]:
-    """What an older version of the standard can hold of an animated body: motion of joints that it lacks is carried."""
-    from vitruvian.hanim import tables
-
-    version = hanim or ("200x" if extension == ".wrl" else "2.0")
-    same = hanim is None and humanoid.scene is not None and (humanoid.scene.encoding == "wrl") == (extension == ".wrl")
-    newer = any(tables.canonical(j.name) and tables.name_in(j.name, version) is None for j in humanoid.joints())
-    if same or not newer or not (humanoid.tracks or humanoid.motions):
-        return humanoid, []
-    from vitruvian.motion.lowering import lowered
-
-    humanoid, lost, _ = lowered(humanoid, version)
-    return humanoid, lost
-
-
-def _with_clips(things: list[Any], path: Path, form: str) -> list[Humanoid]:
-    """The humanoids among Humanoids and Clips, each once, with the motions of their Clips."""
-    from vitruvian.hanim.humanoid import Humanoid
-    from vitruvian.motion.tracks import motion_data, tracks_of
-    from vitruvian.stage.clip import Clip
-
-    if form not in {"interpolators", "hanimmotion"}:
-        raise VitruvianError(f"motion: expected interpolators or hanimmotion, found {form!r}")
-    given: dict[int, tuple[Humanoid, list[Any]]] = {}
-    for thing in things:
-        if not isinstance(thing, Clip | Humanoid):
-            raise VitruvianError(f"{path}: can't write a {type(thing).__name__}; expected a Humanoid or a Clip")
-        owner = thing.humanoid if isinstance(thing, Clip) else thing
-        entry = given.setdefault(id(owner), (owner, []))
-        if isinstance(thing, Clip) and thing.motion is not None:
-            entry[1].append(thing.motion)
-    out = []
-    for humanoid, motions in given.values():
-        if not motions:
-            out.append(humanoid)
-            continue
-        names: list[str] = []
-        for m in motions:
-            base = m.name or "clip"
-            names.append(base if base not in names else f"{base}_{len(names) + 1}")
-        if form == "hanimmotion":
-            data = [replace(motion_data(m), name=n, enabled=k == 0) for k, (m, n) in enumerate(zip(motions, names))]
-            weights = [t for m, n in zip(motions, names) for t in tracks_of(m, timer=n) if t.field == "weight"]
-            out.append(replace(humanoid, motions=data, tracks=weights))
-        else:
-            timers = names if len(names) > 1 else [motions[0].name]
-            tracks = [t for m, n in zip(motions, timers) for t in tracks_of(m, timer=n)]
-            out.append(replace(humanoid, tracks=tracks, motions=[]))
-    return out
 
 
 def write_scene(graph: Scene, path: str | Path) -> None:

@@ -24,6 +24,7 @@ from vitruvian.formats.atomic import atomic
 from vitruvian.stage.clip import Clip, Mesh
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+CLOTH = 0.002  # metres that points of caches may be off
 _HELD = 1 << 26  # bytes of deformed points that are held at once
 
 
@@ -36,16 +37,19 @@ def require_usd() -> None:
 
 
 def write_usd(
-    thing: Clip | Mesh | Sequence[Clip | Mesh], path: str | os.PathLike[str], *, bake: bool = False, fps: float = 24.0
-) -> dict[str, Any]:
+    thing: Clip | Mesh | Sequence[Clip | Mesh], path: str | os.PathLike[str], *, bake: bool = False, fps: float = 24.0,
+    tolerance: float = CLOTH,
+) -> dict[str, Any]:  # fmt: skip
     """Write a Clip or Mesh, or a list of them, as .usda (text), .usdc, .usd (binary) or .usdz (package).
 
     bake: instead of a skeleton, the points that the clip's own deformer makes, frame by frame, for players without
     UsdSkel and for deformers that are not linear; a list of Meshes with the same triangles becomes one moving mesh at
-    `fps` frames per second.
+    `fps` frames per second. tolerance: metres that points of the clips' caches may be off in any frame; they are written
+    at as many times as that takes.
     The report: `vertices triangles joints bytes`; `influences`, the most joints of a vertex; `overweight_vertices`,
     whose weights had to be divided by a sum above one; `max_vertex_error_m` and `rms_vertex_error_m` of rounding sums
-    to one, over `poses`; `deformer` and `deformer_difference_m`, the largest distance between the clip's own deformer
+    to one, over `poses`; `cloth`, of each cache its `name frames points keys max_error_m tolerance_m closing_m`;
+    `deformer` and `deformer_difference_m`, the largest distance between the clip's own deformer
     and the linear skin that players show; `displacer_error_m`; `lost`, a list of sentences.
     Raises `MissingExtra` without usd-core and `VitruvianError` for things that can't be written.
     """
@@ -65,15 +69,13 @@ def write_usd(
     if sequence:
         _sequence(stage, meshes, fps, report)
     else:
+        from vitruvian.formats.usd_figure import figure
+
         for item in things:
             if isinstance(item, Mesh):
                 _sequence(stage, [item], fps, report)
-            elif bake:
-                _cache(stage, item, report)
             else:
-                from vitruvian.formats.usd_figure import figure
-
-                figure(stage, item, report)
+                _clothes(stage, item, (_cache if bake else figure)(stage, item, report), tolerance, report)
     with atomic(path) as temporary:
         stage.export(temporary, Path(path).stem)
         report["bytes"] = temporary.stat().st_size
@@ -191,8 +193,8 @@ def _sequence(stage: Stage, meshes: list[Mesh], fps: float, report: dict[str, An
     report["triangles"] += len(first.triangles)
 
 
-def _cache(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
-    """A clip as the points that its own deformer makes."""
+def _cache(stage: Stage, clip: Clip, report: dict[str, Any]) -> Any:
+    """A clip as the points that its own deformer makes; its prim."""
     from vitruvian.deform.deformer import deformer
     from vitruvian.formats.usd_figure import facts, sites
     from vitruvian.formats.usd_mesh import Surface, write_surface
@@ -220,3 +222,28 @@ def _cache(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
     report["triangles"] += len(body.skin.triangles)
     report["deformer"] = clip.deformer
     report["lost"].append("the skeleton and its weights: baked points have none")
+    return root
+
+
+def _clothes(stage: Stage, clip: Clip, root: Any, tolerance: float, report: dict[str, Any]) -> None:
+    """The caches of a clip beside its body, their points at the times between which players may go straight."""
+    from vitruvian.formats.bake import reduced
+    from vitruvian.formats.usd_mesh import Surface, write_surface
+    from vitruvian.stage.vertex_cache import surface
+
+    looks: dict[tuple, Any] = {}
+    for cache in clip.caches:
+        frames = cache.positions if clip.motion is None else cache.positions[: len(clip.motion)]
+        n = cache.positions.shape[1]
+        keys, values, _, error = reduced((f.astype(np.float64) for f in frames), n, tolerance)
+        codes: list[float | None] = [None]
+        if len(keys) > 1 and clip.motion is not None:
+            every = stage.codes(len(frames), clip.motion.fps)
+            codes = [every[round(k * (len(frames) - 1))] for k in keys]
+        write_surface(stage, root, looks, Surface.whole(surface(cache, values[0]), cache.name), (codes, [values]))
+        report["vertices"] += n
+        report["triangles"] += len(cache.triangles)
+        report.setdefault("cloth", []).append({
+            "name": cache.name, "frames": len(frames), "points": n, "keys": len(keys), "max_error_m": error,
+            "tolerance_m": tolerance, "closing_m": cache.closing,
+        })  # fmt: skip

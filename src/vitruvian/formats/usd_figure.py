@@ -34,8 +34,8 @@ _ROUNDING = 1e-4  # sums of weights nearer to one than this were meant to be one
 _HELD = 1 << 26  # bytes of deformed points that are held at once
 
 
-def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
-    """Write a clip as one SkelRoot; adds to the report what `write_usd` says."""
+def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> Any:
+    """Write a clip as one SkelRoot, which is answered; adds to the report what `write_usd` says."""
     from pxr import UsdSkel
 
     body, motion = clip.body, clip.motion
@@ -79,6 +79,7 @@ def figure(stage: Stage, clip: Clip, report: dict[str, Any]) -> None:
     report["joints"] += len(body.skeleton)
     report["vertices"] += len(body.skin.rest)
     report["triangles"] += len(body.skin.triangles)
+    return root
 
 
 def facts(clip: Clip) -> dict[str, Any]:

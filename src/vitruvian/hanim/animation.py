@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vitruvian.hanim.graph import Node, Route
-from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, MotionData, Site, Track
+from vitruvian.hanim.humanoid import Displacer, Humanoid, Joint, MotionData, Shape, Site, Track
 from vitruvian.hanim.members import read_members
 from vitruvian.hanim.reading import Reading
+from vitruvian.hanim.surface import coordinate
 
 _WIDTHS = {
     "OrientationInterpolator": 4,
@@ -112,6 +113,7 @@ def attach_tracks(reading: Reading, figures: list[Humanoid]) -> None:
         for owner, field, name in [(h.node, "skinCoord", ""), *((g.node, "coord", g.name) for g in h.segments())]:
             points = owner.children(field) if owner is not None else []
             targets |= {id(n): (h, name) for n in points}
+        targets |= {id(c): (h, s.name) for s in h.skin if s.points is not None and (c := own_coordinate(s)) is not None}
     defs = reading.scene.defs()
     into: dict[str, list[Route]] = defaultdict(list)
     for route in routes:
@@ -126,6 +128,12 @@ def attach_tracks(reading: Reading, figures: list[Humanoid]) -> None:
         if track is not None:
             track.target, track.field = name, field
             h.tracks.append(track)
+
+
+def own_coordinate(shape: Shape) -> Node | None:
+    """The Coordinate of a shape's geometry in its file."""
+    geometry = shape.node.children("geometry") if shape.node is not None else []
+    return coordinate(geometry[0]) if geometry else None
 
 
 def _track(

@@ -265,7 +265,15 @@ class Builder:
         if not len(h.skin_coord) or not self.has("Humanoid", "skinCoord"):
             return
         coords = f"{prefix}skin_coords"
-        shown = [n for s in h.skin if (n := self.shapes.shape(s, prefix, coords, h.skin_coord)) is not None]
+        shown = []
+        for s in h.skin:
+            own = s.points is not None
+            node = self.shapes.shape(s, prefix, f"{prefix}{s.name}_coords" if own else coords, h.skin_coord)
+            if node is None:
+                continue
+            shown.append(node)
+            if own and s.name:
+                figure.points.setdefault(s.name, node.children("geometry")[0].children("coord")[0])
         put(root, "skin", shown)
         made = Node("Coordinate", fields={"point": h.skin_coord})
         coord = self.shapes.share("coord", h.skin_coord, coords, made)

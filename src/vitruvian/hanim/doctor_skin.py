@@ -130,12 +130,14 @@ def _skin(figure: Figure) -> None:
         add("M05", node, "joints have weights but skin is empty: nothing of it is drawn", fix)
     if figure.skin_coord is None and weighted and geometries:
         add("M04", node, "skinCoord is missing: the mesh never deforms", "USE the geometry's Coordinate as skinCoord")
+    led = {r.to_node for r in chart.scene.routes() if event(r.to_field) == "point"}
     for geometry in geometries:
         coord = surface.coordinate(geometry)
         if coord is None:
             continue
         points = rows(chart.numbers(coord, "point"))
-        if figure.skin_coord is not None and coord is not figure.skin_coord and weighted:
+        strange = figure.skin_coord is not None and coord is not figure.skin_coord
+        if strange and weighted and coord.name not in led:  # points of moving clothes have a ROUTE of their own
             same = points.shape == figure.points.shape and np.allclose(points, figure.points, equal_nan=True)
             what = "is a copy of skinCoord" if same else "is another node than skinCoord"
             fix = "USE one Coordinate in both places" if same else "index the skinCoord"

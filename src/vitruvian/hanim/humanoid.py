@@ -301,7 +301,8 @@ class Track:
     """One interpolator that a TimeSensor drives: `target` object name, its `field`, keys (k,) in 0..1, values (k, n).
 
     `target` is a joint's, segment's, site's or displacer's name, or "" for the humanoid itself. Values of "point", from
-    a CoordinateInterpolator, are whole sets of points (k, 3n): of the skin when `target` is "", else of the segment.
+    a CoordinateInterpolator, are whole sets of points (k, 3n): of the skin when `target` is "", else of the segment, or
+    of the shape in the skin that has points of its own.
     """
 
     target: str

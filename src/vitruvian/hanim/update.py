@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from vitruvian.hanim.animation import event
+from vitruvian.hanim.animation import event, own_coordinate
 from vitruvian.hanim.build_motion import motion_node, track_nodes
 from vitruvian.hanim.build_pieces import info_strings
 from vitruvian.hanim.fields import container_of
@@ -333,6 +333,10 @@ def _update_tracks(scene: Scene, new: Humanoid) -> None:
             if not coord.name and any(t.field == "point" and t.target == name for t in new.tracks):
                 coord.name = _free(taken, f"hanim_{name or 'skin'}_coords")
             points[name] = coord
+    for shape in new.skin:
+        own = own_coordinate(shape) if shape.points is not None else None
+        if own is not None and own.name:
+            points.setdefault(shape.name, own)
     driven |= {n.name for n in points.values() if n.name}
     scene.body = [
         s for s in scene.body if not (isinstance(s, Route) and s.to_node in driven and event(s.to_field) in _TARGETS)

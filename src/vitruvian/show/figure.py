@@ -14,6 +14,8 @@ from vitruvian.errors import VitruvianError
 from vitruvian.motion.types import Motion
 from vitruvian.show.surfaces import Surface, joined
 from vitruvian.stage.clip import Clip, Mesh
+from vitruvian.stage.vertex_cache import VertexCache
+from vitruvian.stage.vertex_cache import surface as drawn
 
 if TYPE_CHECKING:
     from vitruvian.hanim.humanoid import Humanoid
@@ -65,6 +67,7 @@ class Figure:
         self.humanoid: Humanoid | None = None
         self.body: Body | None = None
         self.mesh: Mesh | None = None
+        self._caches: tuple[VertexCache, ...] = ()  # what it wears
         deformer = "log"
         if isinstance(thing, Humanoid):
             from vitruvian.body.pack import pack
@@ -73,6 +76,11 @@ class Figure:
         elif isinstance(thing, Clip):
             self.humanoid, self.body, self.motion = thing.humanoid, thing.body, thing.motion
             deformer = thing.deformer
+            self._caches = thing.caches
+            if thing.garment is not None and not thing.caches:
+                from vitruvian.stage.baking import bake
+
+                self._caches = bake(thing)
         elif isinstance(thing, Body):
             self.body = thing
         elif isinstance(thing, Mesh):
@@ -122,12 +130,14 @@ class Figure:
             skin = self.body.skin  # type: ignore[union-attr]
             known = {m.name for m in skin.morphs}
             moved = self._deformer(matrices, morphs={k: w for k, w in weights.items() if k in known})
-            for m, vertices in zip(matrices, np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3)):
+            for t, m, vertices in zip(some, matrices, np.asarray(moved, np.float64).reshape(-1, len(skin.rest), 3)):
                 world = vertices @ self.placement[:3, :3].T + self.placement[:3, 3]
                 normals = None
                 if self._creases is not None:
                     normals = (self._creases @ face_normals(world, skin.triangles)).reshape(-1, 3, 3)
                 surface = Surface(world, skin.triangles, normals, skin.colors, skin.parts, skin.rest, uv=self._uv)
+                for cache in self._caches:
+                    surface = joined(surface, self._cloth(cache, t))
                 yield joined(surface, self._bones(m)) if self._sparse else surface
 
     def _matrices(self, times: Sequence[float]) -> tuple[Array, dict[str, Array]]:
@@ -138,6 +148,17 @@ class Figure:
             return np.repeat(joint_matrices(self.skeleton).reshape(1, -1, 4, 4), len(times), axis=0), {}
         posed = pose(self.motion, times)
         return joint_matrices(self.skeleton, posed), posed.weights
+
+    def _cloth(self, cache: VertexCache, time: float) -> Surface:
+        """What is worn, at a time."""
+        at = time * self.fps
+        at = at % max(len(cache) - 1, 1) if self.motion is not None and self.motion.loop else min(at, len(cache) - 1)
+        k = min(int(at + 1e-9), max(len(cache) - 2, 0))
+        a, b = cache.positions[k].astype(np.float64), cache.positions[min(k + 1, len(cache) - 1)]
+        points = a + (b - a) * min(max(at - k, 0.0), 1.0)
+        world = points @ self.placement[:3, :3].T + self.placement[:3, 3]
+        look = drawn(cache, cache.positions[0].astype(np.float64))
+        return Surface(world, cache.triangles, None, None, look.parts, look.rest)
 
     def _bones(self, matrices: Array) -> Surface:
         """Bones and joints as solids, for a skeleton without a surface."""

@@ -9,16 +9,22 @@ import base64
 import re
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
+from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError
-from vitruvian.show.actors import PAGE, SERVED, actors_of
+from vitruvian.show.actors import PAGE, SERVED, Actor, actors_of
 from vitruvian.show.live import finding_fields
 from vitruvian.show.server import FOLDER, MODULES
 from vitruvian.show.showing import Showing
-from vitruvian.show.wire import encode
+from vitruvian.show.wire import Block, encode, quantise, quantise_normals
+from vitruvian.stage.clip import Clip, Mesh
+from vitruvian.stage.vertex_cache import VertexCache
 
 LIMIT = 200e6  # bytes of frames before compression; more is refused
 
@@ -61,13 +67,14 @@ def record(
     Returns `{"bytes", "frames"}`. Raises `VitruvianError` when the clip is too long for one file. The page runs every
     deformer that the body is able to by itself, and compares them; with `compare` also with the body in contours.
     """
+    actors, caches = cast([thing, *beside], compare=compare)
     showing = Showing(
-        actors_of([thing, *beside], compare=compare),
+        actors,
         [finding_fields(f) for f in findings],
         title,
         leave=(*PAGE, *SERVED),
     )
-    clip = b"".join(_framed(m) for m in messages(showing))
+    clip = b"".join(_framed(m) for m in messages(showing, caches))
     code = [[name, (FOLDER / name).read_text("utf-8")] for name in _ordered()]
     html = (FOLDER / "index.html").read_text("utf-8")
     html = _replace(html, r"<script type=\"importmap\">.*?</script>\s*", "")
@@ -97,14 +104,50 @@ def record(
     return {"bytes": len(blob), "frames": showing.frames}
 
 
-def messages(showing: Showing) -> list[bytes]:
-    """Every message of a recording: hello, pictures, meshes, then one frame message per frame, complete in itself."""
+def cast(things: Sequence[object], *, compare: bool = False) -> tuple[list[Actor], dict[str, VertexCache]]:
+    """The actors of a recording, `compare` as for `actors_of`, and what those of clothes do, by name: as it was computed
+    ahead for their Clips, or is now."""
+    from vitruvian.stage.baking import bake
+
+    bare: list[object] = []
+    worn: list[tuple[int, VertexCache]] = []
+    for k, thing in enumerate(things):
+        if isinstance(thing, Clip) and (thing.garment is not None or thing.caches):
+            worn += [(k, cache) for cache in thing.caches or bake(thing)]
+            thing = replace(thing, garment=None, caches=())
+        bare.append(thing)
+    first = [cache.positions[0].astype(np.float64) for _, cache in worn]
+    meshes = [
+        Mesh(x, c.triangles, c.uv, np.tile(c.color, (len(x), 1)), c.name, uv_triangles=c.uv_triangles)
+        for x, (_, c) in zip(first, worn)
+    ]
+    actors, caches = actors_of([*bare, *meshes], compare=compare), {}
+    for k, (wearer, cache) in enumerate(worn, len(bare)):
+        actors[k] = replace(actors[k], on=actors[wearer], fps=actors[wearer].fps)
+        caches[actors[k].name] = cache
+    return actors, caches
+
+
+def _clothes(caches: Mapping[str, VertexCache], n: int) -> list[Block]:
+    """The blocks of clothes in frame n."""
+    out = []
+    for name, cache in caches.items():
+        points = cache.positions[min(n, len(cache) - 1)]
+        q, scale, origin = quantise(points)
+        normals = mesh_normals(incidence(points.astype(np.float64), cache.triangles), points[None])[0]
+        out += [Block("vertices", q, name, scale, origin), Block("normals", quantise_normals(normals), name)]
+    return out
+
+
+def messages(showing: Showing, caches: Mapping[str, VertexCache] | None = None) -> list[bytes]:
+    """Every message of a recording: hello, pictures, meshes, then one frame message per frame, complete in itself. caches:
+    what clothes do, see `cast`."""
     meshes = showing.meshes
     out = [showing.hello(), *showing.pictures.values(), *meshes]
     stage, size = showing.stage, 0
     for n in range(showing.frames):
         stage.seek(n / showing.fps)
-        blocks = showing.blocks(stage.step(0))
+        blocks = showing.blocks(stage.step(0)) + _clothes(caches or {}, n)
         fields = {"seq": 0, "tick": n, "t": n / showing.fps, "frame": n, "round": 0}
         out.append(encode("frame", fields | {"deformers": showing.deformers}, blocks))
         size += len(out[-1])

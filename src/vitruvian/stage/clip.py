@@ -8,6 +8,7 @@ from vitruvian.body.types import Body, Floats, Ints, floats, indices, require
 from vitruvian.cloth.garment import Garment
 from vitruvian.hanim.humanoid import Humanoid
 from vitruvian.motion.types import Motion
+from vitruvian.stage.vertex_cache import VertexCache
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ class Clip:
 
     `humanoid` is the editable form the body was packed from: writers of H-Anim files want its names, Sites and the
     nodes they do not understand. `motion` None means the file's own pose. garment: what it wears, over what is `below`
-    that; it moves in real time on a Stage.
+    that; it moves in real time on a Stage. caches: what it wears as that was computed ahead, for files, see
+    `vitruvian.stage.baking`.
     """
 
     humanoid: Humanoid
@@ -53,6 +55,7 @@ class Clip:
     motion: Motion | None = None
     deformer: str = "log"
     garment: Garment | None = None
+    caches: tuple[VertexCache, ...] = ()
 
     def __post_init__(self) -> None:
         if self.garment is not None:

@@ -141,7 +141,11 @@ export class RecordedSource {
     for (const actor in here) {
       const travel = this.travel[actor] ?? [0, 0, 0], travels = travel.some((x) => x);
       const out = (this.mixed[actor] = { ...here[actor] });
-      if ((wraps && !travels) || here[actor].vertices) continue; // stored points are of their own pose only
+      if (wraps && !travels) continue;
+      if (here[actor].vertices) { // of a body they are of their own pose only; clothes keep up with those that are mixed
+        if (!here[actor].pose) Object.assign(out, this.between(here[actor], next[actor], part, wraps ? travel : [0, 0, 0]));
+        continue;
+      }
       for (const channel of ["pose", "displacers", "markers"]) {
         const a = here[actor][channel]?.array, b = next[actor][channel]?.array;
         if (!a) continue;
@@ -154,6 +158,20 @@ export class RecordedSource {
       }
     }
     return this.mixed;
+  }
+
+  /** Points and normals of clothes that part of the way to the next frame, which is `ahead` of where it says. */
+  between(a, b, part, ahead) {
+    const [p, q] = [a.vertices, b.vertices], [h, k] = [p.scale / 32767, q.scale / 32767];
+    const points = new Float32Array(p.array.length), turned = new Float32Array(p.array.length);
+    for (let i = 0; i < points.length; i++) {
+      const axis = i & 3;
+      if (axis === 3) continue;
+      const from = p.origin[axis] + h * p.array[i];
+      points[i] = from + part * (q.origin[axis] + k * q.array[i] + ahead[axis] - from);
+      turned[i] = a.normals.array[i] + part * (b.normals.array[i] - a.normals.array[i]);
+    }
+    return { vertices: { array: points, scale: 32767, origin: [0, 0, 0] }, normals: { array: turned } };
   }
 
   play() {
