@@ -283,12 +283,12 @@ def _influence(joint: Joint, count: int) -> tuple[Ints, Floats]:
 def _morph(displacer: Displacer, where: str, count: int, joint: int, skeleton: Skeleton | None = None) -> Morph | None:
     """A displacer whose indices fit into `count` points; entries that do not fit are skipped, with a warning.
 
-    None for a `_feature` without displacements: it marks a region, and nothing that deforms has a use for it.
+    None for one that only marks a region: nothing that deforms has a use for it.
     """
+    if displacer.marks:
+        return None
     index = np.asarray(displacer.coord_index, dtype=np.int64).reshape(-1)
     offset = np.asarray(displacer.displacements, dtype=np.float64).reshape(-1, 3)
-    if displacer.name.endswith("_feature") and not offset.any():
-        return None
     n = min(len(index), len(offset))
     good = (index[:n] >= 0) & (index[:n] < count)
     if len(index) != len(offset) or not good.all():

@@ -184,7 +184,7 @@ def _carried(
 
 def _displaced(d: Displacer, matrix: csr_array, first: Whole, count: int) -> Displacer | None:
     full = np.zeros((count, 3))
-    if not d.displacements.any():  # it marks a region
+    if d.marks:
         full[d.coord_index] = 1.0
         some = np.flatnonzero((matrix @ full[first])[:, 0] > 0.5).astype(np.int32)
         return replace(d, coord_index=some, displacements=np.zeros((len(some), 3)), node=None) if len(some) else None
