@@ -23,12 +23,12 @@ from vitruvian.show.figure import looking
 SITE_KINDS = ("feature point", "end effector", "viewpoint", "other place")
 # Groups of displacers: the first whose pattern is found in the name takes it.
 GROUPS = (
-    ("Expressions", re.compile(r"_config$")),
     ("Brows", re.compile(r"brow|forehead", re.I)),
     ("Cheeks and nose", re.compile(r"cheek|nose|nostril|sneer", re.I)),
     ("Mouth and jaw", re.compile(r"mouth|(?<![cfls])lip|jaw|chin|smile|frown|tongue|teeth|viseme|dimple|pucker", re.I)),
     ("Eyes", re.compile(r"(?<![a-z])eye|blink|(?<!so)lid|pupil|iris|gaze", re.I)),
     ("Other parts of the face", re.compile(r"face|facial|(?<![a-z])(?:head|skull|ear)", re.I)),
+    ("Expressions", re.compile(r"_config$")),
 )
 OTHER = "Other shapes"
 DEEPEST = 64  # levels below a Site that are searched for its Viewpoint
