@@ -220,6 +220,30 @@ def test_refit_refuses_in_a_line(more, said, cut_to_measure, tmp_path):
     assert done.exit_code != 0 and isinstance(done.exception, VitruvianError) and said in str(done.exception)
 
 
+def test_dress_sorts_cloth_into_layers(tmp_path):
+    out, fit = tmp_path / "skirt.garment.npz", tmp_path / "fit.png"
+    args = ["dress", "person", "skirt", "--size", "40", "-o", str(out)]
+    done = runner.invoke(app, [*args, "--layers", "--fit-map", str(fit), "--json"])
+    usual = json.loads(done.stdout)["layers"]["skirt"]
+    assert sum(usual.values()) == pytest.approx(1, abs=1e-3) and usual["floating"] > 0.3 and fit.stat().st_size > 5000
+    kept = read_garment(out).garment.hung
+    assert kept is not None and usual["tight"] == pytest.approx((kept.layer == 0).mean(), abs=1e-4)
+    done = runner.invoke(app, [*args, "--edge", "trunk=0,0", "--edge", "l_thigh=0,0", "--edge", "r_thigh=0,0"])
+    assert "100% floating" in done.stdout
+    assert "--layers" not in done.stdout and read_garment(out).garment.hung is not None
+
+
+@pytest.mark.parametrize(
+    ("edge", "said"),
+    [("trunk", "REGION=TIGHT,LOOSE"), ("trunk=8", "REGION=TIGHT,LOOSE"), ("tail=1,2", "l_thigh"),
+     ("trunk=9,3", "TIGHT <= LOOSE"),
+     ("trunk=nan,3", "TIGHT <= LOOSE")],
+)  # fmt: skip
+def test_distances_of_layers_that_cannot_be_are_refused(edge, said, tmp_path):
+    done = runner.invoke(app, ["dress", "person", "skirt", "--edge", edge, "-o", str(tmp_path / "x.garment.npz")])
+    assert done.exit_code != 0 and isinstance(done.exception, VitruvianError) and said in str(done.exception)
+
+
 def test_a_fit_map_is_a_picture_and_a_page(person, made, tmp_path):
     from vitruvian.show.fit_view import fit_view, sheet
     from vitruvian.show.recording import record
@@ -248,6 +272,8 @@ def test_the_page_switches_between_what_it_knows_of_the_fit(person, made, tmp_pa
     found = fit_map(made, still(kept.skin, standing(made, vt.pack(person)).triangles))
     view = fit_view(found, kept.skin, kept.triangles, made.vertices, name="skirt")
     view = replace(view, findings=tuple(f"place {k}" for k in range(6)))
+    kinds = np.arange(len(made.vertices)) % 3
+    view = replace(view, layers=fit_view(found, kept.skin, kept.triangles, made.vertices, kinds=kinds).layers)
     record(view, tmp_path / "fit.html")
     with opened(browser, (tmp_path / "fit.html").as_uri(), size=(900, 700)) as page:
         wait(page, "vitruvian.heat && vitruvian.heat.on")
@@ -258,6 +284,10 @@ def test_the_page_switches_between_what_it_knows_of_the_fit(person, made, tmp_pa
         assert page.evaluate("vitruvian.heat.reach") == pytest.approx(view.layers[1].high)
         first = page.evaluate("vitruvian.heat.color(0)")
         assert first == pytest.approx(view.layers[1].ramp[0].tolist(), abs=1e-3)
+        page.get_by_test_id("heat-layers").click()
+        assert title.text_content() == "layers" and page.locator("#heat-ticks").text_content() == "tightloosefloating"
+        assert page.evaluate("vitruvian.heat.color(2)") == pytest.approx(view.layers[3].ramp[2].tolist(), abs=1e-3)
+        page.get_by_test_id("heat-pressure").click()
         assert page.locator("#heat-ticks span").first.text_content() == "0"
         page.keyboard.press(":")
         assert title.text_content() == "ease, mm" and not page.get_by_test_id("heat-map").is_visible()

@@ -1,4 +1,5 @@
 // Cloth that does not have to be simulated: bound to the skin, or hanging about limbs. See vitruvian.cloth.worn.
+#include "foot.h"
 #include "kernels.h"
 #include "lanes.h"
 
@@ -107,6 +108,30 @@ void cloth_limbs(const ClothLimbs& job) {
         }
         bool touched;
         put(job.r + 3 * k, within(to, n, job.least[k], job.reach[k], touched));
+    }
+}
+
+// Puts vertices that are nearer to the body, as it is at the frame's end, than they may be straight away from it.
+void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x) {
+    for (int64_t i = 0; i < count; ++i) {
+        float* at = x + 3 * int64_t(vertex[i]);
+        Foot foot;
+        walk(body, at, body.nearest[i], 1.0f, foot);
+        float normal[3] = {0, 0, 0}, size = 0, out = 0;
+        for (int k = 0; k < 3; ++k) {
+            const float* v = body.after + 6 * int64_t(body.triangle[3 * int64_t(foot.triangle) + k]) + 3;
+            for (int j = 0; j < 3; ++j) normal[j] += foot.share[k] * v[j];
+        }
+        for (int j = 0; j < 3; ++j) size += normal[j] * normal[j];
+        size = sqrtf(size);
+        if (size < 1e-9f) continue;
+        for (int j = 0; j < 3; ++j) normal[j] /= size, out += (at[j] - foot.now[j]) * normal[j];
+        const float apart = sqrtf(foot.squared), away = out < 0 ? -apart : apart;
+        if (away >= body.offset || away < -deep) continue;
+        if (apart > 1e-5f)
+            for (int j = 0; j < 3; ++j) normal[j] = (at[j] - foot.now[j]) / away;
+        const float share = 1.5f * (1 + away / deep);  // less and less from a third of the depth on, so that nothing jumps
+        for (int j = 0; j < 3; ++j) at[j] += (share < 1 ? share : 1) * (foot.now[j] + body.offset * normal[j] - at[j]);
     }
 }
 
