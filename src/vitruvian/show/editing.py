@@ -31,6 +31,7 @@ from vitruvian.cloth.tessellate import tessellate
 from vitruvian.cloth.wrapping import stand, wrapped
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_file import document, pattern_from
+from vitruvian.show.striding import Stride
 from vitruvian.show.wire import VERSION, Block, encode, quantise
 
 MAX_TEXT = 8 << 20  # characters of a document that a page may send
@@ -43,6 +44,7 @@ REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
     "propose": {},
     "place": {"panel": ("text", 0, 200), "words": ("text", 0, 100)},
     "drape": {"fabric": ("text", 0, 40), "size": ("number", 0.003, 0.05)},
+    "walk": {},
     "stop": {},
     "save": {},
     "export": {"format": ("text", 0, 20)},
@@ -90,6 +92,7 @@ class Editing:
         self._told: dict[str, bytes] = {}  # the newest message of each kind that waits to be sent
         self._lock = threading.Lock()
         self._drape: _Drape | None = None
+        self._stride: Stride | None = None
         self._dummy: Dummy | None = None
 
     @property
@@ -105,7 +108,6 @@ class Editing:
 
     def hello(self) -> list[bytes]:
         """What a page hears first: the document, and the body."""
-        shown = self.dummy
         fields: dict[str, Any] = {
             "version": VERSION,
             "document": json.loads(self.text),
@@ -118,11 +120,7 @@ class Editing:
             "formats": list(self._exports),
             "rules": RULES,
         }
-        blocks = [
-            Block("vertices", shown.vertices.astype(np.float32)),
-            Block("triangles", shown.triangles.astype(np.uint32)),
-        ]
-        return [encode("hello", fields), encode("body", {}, blocks), self._findings()]
+        return [encode("hello", fields), self._body(), self._findings()]
 
     def outbox(self) -> list[bytes]:
         """Messages that wait; of each kind only the newest."""
@@ -150,6 +148,12 @@ class Editing:
         if kind == "drape":
             self.stop()
             self._drape = _Drape(self, self.pattern(), request["fabric"], request["size"])
+        elif kind == "walk":
+            done = None if self._drape is None else self._drape.made
+            if done is None:
+                raise VitruvianError("walk: drape the pattern first")
+            self.stop()
+            self._stride = Stride(self.body, done, self._hear_stride, self._hang)
         elif kind == "stop":
             self.stop()
         elif kind == "save":
@@ -168,9 +172,30 @@ class Editing:
         return None
 
     def stop(self) -> None:
-        """End the drape that runs, if any; it says so itself."""
+        """End the drape or the walk that runs, if any; they say so themselves."""
         if self._drape is not None:
             self._drape.stop()
+        if self._stride is not None:
+            self._stride.stop()
+
+    def _hear_stride(self, kind: str, fields: dict[str, Any], blocks: list[Block]) -> None:
+        self.tell(kind, encode(kind, fields, blocks))
+
+    def _hang(self) -> None:
+        """Body and garment stand still again, as they were draped."""
+        drape = self._drape
+        if drape is None or drape.made is None:
+            return
+        self.tell("body", self._body())
+        self.tell("fall", drape.hung())
+
+    def _body(self) -> bytes:
+        shown = self.dummy
+        blocks = [
+            Block("vertices", shown.vertices.astype(np.float32)),
+            Block("triangles", shown.triangles.astype(np.uint32)),
+        ]
+        return encode("body", {}, blocks)
 
     def _take(self, request: Mapping[str, Any]) -> bytes | None:
         self._pieces.append(request["text"])
@@ -243,6 +268,7 @@ class _Drape:
         self.desk, self.pattern, self.fabric, self.size = desk, pattern, fabric, size
         self.seq, self.stopping = desk._seq, threading.Event()
         self.what, self.share, self.looked = "meshing", 0.0, 0.0
+        self.made: Garment | None = None
         threading.Thread(target=self._run, name="vitruvian drape", daemon=True).start()
 
     def stop(self) -> None:
@@ -259,6 +285,7 @@ class _Drape:
             made = tailor(
                 self.pattern, self.desk.body, fabric=self.fabric, size=self.size, progress=self._hear, watch=self._see
             )
+            self.made = made
             self._tell("drape", {"state": "done", "report": dict(made.report)}, self._worn(made))
         except Stopped:
             self._tell("drape", {"state": "stopped"})
@@ -283,6 +310,12 @@ class _Drape:
     def _tell(self, kind: str, fields: dict[str, Any], blocks: list[Block] | None = None) -> None:
         state = {"seq": self.seq, "what": self.what, "share": self.share}
         self.desk.tell(kind, encode(kind, state | fields, blocks or []))
+
+    def hung(self) -> bytes:
+        """The message of the garment as it hangs."""
+        assert self.made is not None
+        state = {"seq": self.seq, "what": self.what, "share": self.share}
+        return encode("fall", state, self._worn(self.made))
 
     def _surface(self, positions: NDArray[np.floating], triangles: Ints) -> list[Block]:
         q, scale, origin = quantise(positions)

@@ -28,6 +28,7 @@ export class Dressing {
     desk.on("selected", () => { this.old = true; });
     desk.on("body", (_, arrays) => this.body(arrays));
     desk.on("fall", (header, arrays) => this.fall(header, arrays));
+    desk.on("stride", (_, arrays) => this.stride(arrays));
     desk.on("drape", (header, arrays) => { if (header.state === "done") this.fall(header, arrays); });
     canvas.addEventListener("pointerdown", (e) => this.down(e), { capture: true });
     canvas.addEventListener("pointermove", (e) => this.move(e));
@@ -41,6 +42,7 @@ export class Dressing {
     geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
     geometry.setIndex(new THREE.BufferAttribute(triangles.slice(), 1));
     if (this.figure) this.studio.scene.remove(this.figure);
+    this.same = null;
     this.figure = new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ color: SKIN, roughness: 0.62, metalness: 0 }));
     Object.assign(this.figure, { castShadow: true, receiveShadow: true });
     this.studio.scene.add(this.figure);
@@ -141,16 +143,37 @@ export class Dressing {
       Object.assign(this.cloth, { frustumCulled: false, castShadow: true, receiveShadow: true });
       this.studio.scene.add(this.cloth);
     }
-    const { geometry } = this.cloth, points = new Float32Array(3 * count), normals = new Float32Array(3 * count);
-    positions(arrays.vertices, points);
-    meshNormals(points, triangles, Uint32Array.from({ length: count }, (_, v) => v), normals);
-    const each = (of) => { const out = new Float32Array(3 * triangles.length); triangles.forEach((v, k) => { for (let j = 0; j < 3; j++) out[3 * k + j] = of[3 * v + j]; }); return new THREE.BufferAttribute(out, 3); };
-    if (geometry.attributes.position?.count !== triangles.length) geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * triangles.length).fill(0.72), 3));
-    geometry.setAttribute("position", each(points)); // corners of their own, as panels have colours of their own
-    geometry.setAttribute("normal", each(normals));
+    this.count = count;
+    this.lay(arrays.vertices, triangles);
     this.worn = { triangles: triangles.slice(), panel: arrays.panel.array.slice(), strain: arrays.strain?.array.slice() };
     this.paint();
     this.show("worn");
+  }
+
+  /** Put the cloth where its vertices are: corners of their own, as panels have colours of their own. */
+  lay(vertices, triangles) {
+    const { geometry } = this.cloth, count = vertices.shape[0], points = new Float32Array(3 * count), normals = new Float32Array(3 * count);
+    positions(vertices, points);
+    meshNormals(points, triangles, Uint32Array.from({ length: count }, (_, v) => v), normals);
+    if (geometry.attributes.position?.count !== triangles.length) {
+      for (const name of ["position", "normal", "color"]) geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(3 * triangles.length).fill(0.72), 3));
+    }
+    for (const [name, of] of [["position", points], ["normal", normals]]) {
+      const attribute = geometry.attributes[name], to = attribute.array;
+      triangles.forEach((v, k) => { for (let j = 0; j < 3; j++) to[3 * k + j] = of[3 * v + j]; });
+      attribute.needsUpdate = true;
+    }
+  }
+
+  /** The body walks, and the garment with it. */
+  stride(arrays) {
+    if (!this.figure || !this.cloth || arrays.vertices.shape[0] !== this.count) return;
+    const { geometry } = this.figure, { position, normal } = geometry.attributes;
+    positions(arrays.body, position.array);
+    meshNormals(position.array, geometry.index.array, (this.same ??= welded(position.array, 0)), normal.array);
+    this.lay(arrays.vertices, this.worn.triangles);
+    position.needsUpdate = normal.needsUpdate = true;
+    this.stale = true;
   }
 
   /** Colours of the garment: its panels', or how much it is stretched. */

@@ -122,10 +122,11 @@ class Page {
     desk.on("fall", () => { this.fell = (this.fell ?? 0) + 1; });
     desk.on("fall", (header) => this.progress(header));
     desk.on("drape", (header) => this.draped(header));
+    desk.on("walk", (header) => this.walked(header));
     desk.on("shown", (what) => { press("worn", what === "worn"); $("report").hidden = what !== "worn" || !$("report").childElementCount; });
     for (const b of document.querySelectorAll("[data-tool]")) b.onclick = () => this.use(b.dataset.tool);
     for (const b of document.querySelectorAll("[data-mode]")) b.onclick = () => { dressing.mode = b.dataset.mode; for (const o of document.querySelectorAll("[data-mode]")) o.setAttribute("aria-pressed", String(o === b)); };
-    const click = { undo: () => desk.undo(), redo: () => desk.redo(), save: () => this.save(), drape: () => this.drape(), curve: () => this.bend(), mirror: () => this.mirror(), flip: () => this.flip(),
+    const click = { undo: () => desk.undo(), redo: () => desk.redo(), save: () => this.save(), drape: () => this.drape(), walk: () => this.walk(), curve: () => this.bend(), mirror: () => this.mirror(), flip: () => this.flip(),
       fit: () => board.fit(), propose: () => desk.request({ type: "propose" }), "proposals-all": () => this.inspector.acceptAll(), worn: () => dressing.show(dressing.shown === "worn" ? "panels" : "worn"),
       snapping: () => { board.snapping = !board.snapping; press("snapping", board.snapping); }, symmetric: () => { desk.symmetric = !desk.symmetric; press("symmetric", desk.symmetric); },
       strain: () => { dressing.map = !dressing.map; press("strain", dressing.map); dressing.paint(); this.told(); }, help: () => { $("keys").hidden = !$("keys").hidden; if (!$("keys").hidden) this.keyList(); } };
@@ -134,7 +135,7 @@ class Page {
     $("export").onchange = () => { const format = $("export").value; $("export").value = ""; if (format) desk.request({ type: "export", format }); };
     $("proposals-panel").ontoggle = () => { if ($("proposals-panel").open && !this.inspector.proposed) desk.request({ type: "propose" }); };
     keys({ V: () => this.use("select"), P: () => this.use("pen"), R: () => this.use("rectangle"), A: () => this.use("corner"), T: () => this.use("dart"), S: () => this.use("sew"),
-      C: click.curve, M: click.mirror, G: click.snapping, Y: click.symmetric, F: click.fit, L: click.flip, D: click.drape, W: click.worn, E: click.strain, "1": click["view-front"], "2": click["view-side"], "3": click["view-back"],
+      C: click.curve, M: click.mirror, G: click.snapping, Y: click.symmetric, F: click.fit, L: click.flip, D: click.drape, H: click.walk, W: click.worn, E: click.strain, "1": click["view-front"], "2": click["view-side"], "3": click["view-back"],
       X: () => this.reverse(), U: () => this.unfold(), K: () => $("theme").click(), "?": click.help, Delete: () => this.remove(), Backspace: () => this.remove(), Enter: () => this.enter(), Escape: () => this.escape(),
       "Ctrl+Z": click.undo, "Ctrl+Shift+Z": click.redo, "Ctrl+Y": click.redo, "Ctrl+S": click.save, "Ctrl+D": () => this.copy(),
       ArrowLeft: () => this.nudge(-1, 0), ArrowRight: () => this.nudge(1, 0), ArrowUp: () => this.nudge(0, 1), ArrowDown: () => this.nudge(0, -1) });
@@ -311,9 +312,24 @@ class Page {
     if (header.state === "failed") { this.notice(header.message, "bad"); return; }
     if (header.state === "stopped") { this.notice("Stopped."); this.dressing.show("panels"); return; }
     this.report = header.report;
-    $("worn").disabled = $("strain").disabled = false;
+    $("worn").disabled = $("strain").disabled = $("walk").disabled = false;
     this.told();
     $("report").hidden = false;
+  }
+
+  /** The body walks in what was draped, or stands again. */
+  walk() {
+    if (!this.report || this.draping?.state === "falling") { this.notice("Drape the pattern first (D)."); return; }
+    if (this.walking) this.desk.ask({ type: "stop" });
+    else { this.dressing.show("worn"); this.desk.request({ type: "walk" }); }
+  }
+
+  walked({ state, message }) {
+    this.walking = state === "dressing" || state === "walking";
+    press("walk", this.walking);
+    $("falling").hidden = state !== "dressing";
+    if (state === "dressing") { $("falling").children[0].removeAttribute("value"); $("falling").children[1].textContent = "dressing\u2026"; }
+    if (state === "failed") this.notice(message, "bad");
   }
 
   /** The report of the drape that is shown. */
