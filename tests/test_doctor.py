@@ -24,6 +24,7 @@ from vitruvian.hanim.doctor import check, unreadable
 from vitruvian.hanim.doctor_fix import mend
 from vitruvian.hanim.graph import Literal, Scene
 from vitruvian.hanim.humanoid import Humanoid
+from vitruvian.hanim.view import humanoids
 from vitruvian.modeling.person import person
 
 RICH = BULGE.replace("</HAnimHumanoid>", MOTION)
@@ -68,6 +69,18 @@ def test_pose_and_size_of_a_whole_body() -> None:
     ):
         found = {f.rule: f for f in check(scene_of([h])[0])}
         assert message in found[rule].message
+
+
+def test_people_who_share_a_scene_stand_side_by_side() -> None:
+    ada, bob = typed(1), typed(1)
+    bob.name, bob.translation = "Bob", np.array([1.5, 0.0, 0.0])
+    assert "P05" in rules(scene_of([bob])[0])
+    assert "P05" not in rules(scene_of([ada, bob])[0])
+    scene = scene_of([ada, bob])[0]
+    mend(scene, also=["P05"])
+    assert [h.translation[0] for h in humanoids(scene)] == [0.0, 1.5]
+    bob.translation = np.array([1.5, 3.0, 0.0])
+    assert "P05" in rules(scene_of([ada, bob])[0])
 
 
 def test_a_file_that_cannot_be_read_is_one_finding() -> None:

@@ -217,7 +217,7 @@ def test_hands_that_the_scan_lacks_are_left_alone(template) -> None:
 
 def test_result_is_a_whole_humanoid_at_rest(found, tmp_path: Path) -> None:
     h = found.humanoid
-    assert h.loa == 4 and len(h.joints()) == 146 and len(h.displacers()) == 52
+    assert h.loa == 4 and len(h.joints()) == 146 and len(h.displacers()) == 76
     assert {"eyes", "teeth", "tongue", "hair"} <= {s.name for s in h.skin} and h.skin[0].uv is not None
     assert np.isclose(h.skin_coord[:, 1].min(), 0, atol=0.02)
     forearm = h.joint("l_radiocarpal").center - h.joint("l_elbow").center

@@ -309,6 +309,18 @@ def test_several_humanoids_in_one_file(tmp_path: Path) -> None:
         vt.save([], tmp_path / "none.x3d")
 
 
+def test_lights_and_cameras_of_ours_are_not_lost_but_made_anew(tmp_path: Path) -> None:
+    import vitruvian as vt
+
+    vt.save(typed(1), tmp_path / "one.x3d")
+    assert vt.save(vt.segment(vt.load(tmp_path / "one.x3d")), tmp_path / "two.x3d", hanim="1.0")["lost"] == []
+    text = (tmp_path / "one.x3d").read_text()
+    other = "<Viewpoint description='Front' fieldOfView='x'/><DirectionalLight direction='1 0'/><SpotLight/>"
+    (tmp_path / "own.x3d").write_text(text.replace("<Viewpoint", other + "<Viewpoint", 1))
+    lost = vt.save(vt.load(tmp_path / "own.x3d"), tmp_path / "two.x3d", hanim="1.0")["lost"]
+    assert lost == ["other nodes of the source file: 1 Viewpoint, 1 DirectionalLight, 1 SpotLight"]
+
+
 def test_added_and_removed_objects_stay_in_the_files_graph(tmp_path: Path) -> None:
     scene = good()
     scene.body.append(Node("Sound", "Loud", {"intensity": 0.5}))

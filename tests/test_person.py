@@ -194,7 +194,7 @@ def test_blinking_closes_the_lids_with_lashes(woman):
 
 def test_names_of_face_units_go_both_ways(woman):
     units = source.manifest()["faces"]
-    assert len(units) == 52 == len(woman.displacers())
+    assert len(units) == 52 == sum(d.name.endswith("_action") for d in woman.displacers())
     assert all(unit_name(action_name(u)) == u for u in units)
 
 

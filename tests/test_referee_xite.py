@@ -52,9 +52,13 @@ KNOWN = {  # file, joint: its centre after the pose
 
 
 def load(path: Path) -> Humanoid:
+    return figures(path)[0]
+
+
+def figures(path: Path) -> list[Humanoid]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return registry.humanoids(path)[0]
+        return registry.humanoids(path)
 
 
 def write(h: Humanoid, folder: Path, name: str, encoding: str, version: str) -> Path:
@@ -111,14 +115,22 @@ def agree(browser: Browser, path: Path, *, silent: bool = True, least: int = 1) 
         warnings.simplefilter("ignore")
         nodes = counts(registry.scene(path))
     assert result["nodes"] == nodes, path.name
-    theirs = {n: np.array(m).reshape(4, 4).T for n, m in result.get("matrices", {}).items()}
-    assert len(theirs) >= least, path.name
-    if theirs:
-        ours = matrices(load(path))
-        assert len(theirs) == len(ours), path.name
-        for joint, matrix in theirs.items():
-            assert np.abs(ours[joint] - matrix).max() < 1e-6, (path.name, joint)
-    return theirs
+    every = [square(figure["matrices"]) for figure in result["figures"]]
+    if not every:  # prototypes
+        assert not least, path.name
+        return {}
+    for h, theirs in zip(figures(path), every, strict=True):
+        assert len(theirs) >= least, path.name
+        if theirs:
+            ours = matrices(h)
+            assert len(theirs) == len(ours), path.name
+            for joint, matrix in theirs.items():
+                assert np.abs(ours[joint] - matrix).max() < 1e-6, (path.name, h.name, joint)
+    return every[0]
+
+
+def square(columns: dict[str, list[float]]) -> dict[str, np.ndarray]:
+    return {n: np.array(m).reshape(4, 4).T for n, m in columns.items()}
 
 
 def test_xite_agrees(shared: Path, browser: Browser, tmp_path: Path) -> None:
@@ -131,6 +143,24 @@ def test_xite_agrees(shared: Path, browser: Browser, tmp_path: Path) -> None:
 def test_xite_agrees_on_the_built_in_person(browser: Browser, tmp_path: Path) -> None:
     agree(browser, write(person(), tmp_path, "person", "x3d", "2.0"), least=100)
     agree(browser, write(people()["person1-walks"][0], tmp_path, "walker", "x3dv", "2.0"), least=18)
+
+
+def test_xite_agrees_on_people_side_by_side(browser: Browser, tmp_path: Path) -> None:
+    """Two of one name, and a file's person twice: DEFs are theirs alone, and both move as ours do."""
+    ada, bob = person(gender=0.0, loa=1), person(gender=1.0, loa=1)
+    bob.translation = np.array([1.0, 0, 0])
+    registry.save([ada, bob], tmp_path / "pair.x3d")
+    one = figures(tmp_path / "pair.x3d")[0]
+    twin, _, _ = at_level(person(gender=0.0, loa=2), 1)
+    twin.translation = np.array([-1.0, 0, 0])
+    registry.save([one, twin], tmp_path / "twins.x3dv")
+    for name in ("pair.x3d", "twins.x3dv"):
+        path = tmp_path / name
+        defs = re.findall(r"DEF(?:='| )([^\s']+)", path.read_text())
+        assert len(set(defs)) == len(defs) > 200
+        assert {"person_l_elbow", "person_2_l_elbow"} <= set(defs)
+        agree(browser, path, least=18)
+        assert not [f for f in registry.check(path) if f.severity != "note"]
 
 
 def test_real_figures_in_every_version(shared: Path, browser: Browser, tmp_path: Path) -> None:
@@ -245,6 +275,6 @@ def test_the_referee_sees_mistakes(browser: Browser, tmp_path: Path, monkeypatch
     monkeypatch.setitem(POSE, "l_knee", [1, 0, 0, 0.8 + 1e-5])
     result = browser.load(ROUTES.sub("", path.read_text()), POSE)
     monkeypatch.undo()
-    theirs = np.array(result["matrices"]["l_knee"]).reshape(4, 4).T
+    theirs = square(result["figures"][0]["matrices"])["l_knee"]
     assert np.abs(matrices(load(path))["l_knee"] - theirs).max() > 1e-6
     assert complaints(browser.load(path.read_text().replace("<WorldInfo ", "<WorldInfos ")))

@@ -290,3 +290,25 @@ def test_quads_stay_quads_and_come_first() -> None:
     scene, _ = scene_of([h], version="2.0")
     (faces_node,) = [n for n in scene.walk() if n.type == "IndexedFaceSet"]
     assert (faces_node.fields["coordIndex"] == -1).sum() == 5
+
+
+def test_texture_coordinates_go_on_over_borders() -> None:
+    """Every corner of a face keeps its place in the picture, so that no seam shows where the skin was cut."""
+
+    def corners(shapes: list[Shape], skin: np.ndarray | None = None) -> np.ndarray:
+        rows = []
+        for s in shapes:
+            points = s.points if s.points is not None else skin
+            if s.uv is not None and points is not None:
+                charts = s.uv_triangles if s.uv_triangles is not None else s.triangles
+                rows.append(np.hstack([points[s.triangles].reshape(-1, 3), s.uv[charts].reshape(-1, 2)]))
+        out = np.concatenate(rows)
+        return out[np.lexsort(out.T)]
+
+    h = person()
+    cut = vt.segment(h)
+    homes = [s for home in cut.segments() for s in home.shapes if s.uv is not None]
+    assert len(homes) > 30
+    np.testing.assert_array_equal(corners(homes), corners(h.skin, h.skin_coord))
+    welded = vt.weld(cut)
+    np.testing.assert_array_equal(corners(welded.skin, welded.skin_coord), corners(h.skin, h.skin_coord))

@@ -216,7 +216,7 @@ def test_limits_that_bound_nothing_are_sent_as_free():
     [("l_eyebrow_raiser_action", "Brows"), ("eyeBlinkLeft", "Eyes"), ("r_eye_wide_action", "Eyes"),
      ("l_cheek_squint_action", "Cheeks and nose"), ("mouthSmileLeft", "Mouth and jaw"),
      ("jaw_open_action", "Mouth and jaw"), ("l_upper_eyelid_config", "Eyes"), ("viseme_aa", "Mouth and jaw"),
-     ("skull_tip_raiser_action", "Other parts of the face"),
+     ("fear_config", "Expressions"), ("skull_tip_raiser_action", "Other parts of the face"),
      ("biceps_bulge", "Other shapes"), ("", "Other shapes"), ("<script>", "Other shapes"), ("year", "Other shapes")],
 )  # fmt: skip
 def test_displacers_are_grouped_by_what_they_move(name, expected):

@@ -5,13 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vitruvian.cloth import layers, layers_numpy, limbs, moving, proof, rough, worn
+import vitruvian as vt
+from vitruvian.cloth import layers, layers_numpy, limbs, moving, proof, rough, wear, worn
 from vitruvian.cloth.binding import bind
+from vitruvian.cloth.drafting import drafted
 from vitruvian.cloth.fabric import fabric
 from vitruvian.cloth.moving import Skin, feet
 from vitruvian.cloth.sheet import Sheet
+from vitruvian.cloth.tailor import tailor
+from vitruvian.deform.deformer import deformer
 from vitruvian.deform.normals import incidence, mesh_normals
 from vitruvian.errors import VitruvianError
+from vitruvian.formats.garment_file import Kept, read_garment, write_garment
+from vitruvian.modeling.measures import measures
 from vitruvian.native import kernels
 
 RADIUS, ROOM = 0.05, 0.015
@@ -344,3 +350,25 @@ def test_a_border_that_jumps_is_seen():
     x[2, 2, 1] = 0.05  # one that has a border, alone
     assert proof.jumps(edges, layer, x) == pytest.approx(0.05 / proof.STILL)
     assert proof.jumps(edges, np.zeros(4, int), x) == 0  # without borders none jumps
+
+
+def test_what_was_found_out_is_kept_with_the_garment(tmp_path):
+    """The second time, and from its file, a garment is ready at once, and the same to the bit."""
+    person = vt.person(outfit=None, hair="none", loa=1)
+    body = vt.pack(person)
+    made = tailor(drafted("skirt", measures(person).values), body, size=0.03)
+    who = wear.wearer(deformer("log", body))
+    prepared = wear.wear(made, who)
+    kept = wear.hung(prepared)
+    assert made.hung is None and np.array_equal(kept.hung.layer, prepared[-1].worn.layer)
+    write_garment(Kept(kept, body.skin.rest, body.skin.triangles), tmp_path / "skirt.garment.npz")
+    read = read_garment(tmp_path / "skirt.garment.npz").garment
+    (again,) = wear.wear(read, who)
+    assert np.array_equal(again.x, prepared[-1].x) and np.array_equal(again.worn.layer, prepared[-1].worn.layer)
+    assert np.array_equal(again.worn.offset, prepared[-1].worn.offset)
+    (other,) = wear.wear(read, who, edges={name: (0.0, 0.001) for name in who.known.names})
+    assert (other.worn.layer == layers.FLOATING).mean() > (again.worn.layer == layers.FLOATING).mean()
+    bad = {**np.load(tmp_path / "skirt.garment.npz")} | {"layer": np.full(len(kept.vertices), 7)}
+    np.savez(tmp_path / "bad.garment.npz", **bad)
+    with pytest.raises(VitruvianError, match="layer"):
+        read_garment(tmp_path / "bad.garment.npz")

@@ -23,22 +23,21 @@ FLAGS = [
 ]
 PAGE = """<!doctype html><body style="margin:0"><link rel=icon href="data:,"><script src='x_ite.js'></script>
 <x3d-canvas style='width:200px;height:200px;display:block'></x3d-canvas>"""
-# Nodes by type, each once; the first humanoid's lists; with a pose the matrices that move its skin, column major.
+# Nodes by type, each once; of each humanoid its name and, with a pose, the matrices that move its skin, column major.
 LOAD = """async ([text, pose]) => {
   await new Promise(resolve => X3D(resolve))
   const browser = document.querySelector('x3d-canvas').browser, T = X3D.X3DConstants
   const scene = await browser.createX3DFromString(text)
   await browser.replaceWorld(scene)
-  const nodes = {}, joints = {}, seen = new Set(), stack = [...scene.rootNodes].reverse()
-  let humanoid = null
+  const nodes = {}, joints = {}, figures = [], seen = new Set(), stack = [...scene.rootNodes].reverse()
   while (stack.length) {
     const node = stack.pop()
     if (!node || seen.has(node)) continue
     seen.add(node)
     const type = node.getNodeTypeName()
     nodes[type] = (nodes[type] || 0) + 1
-    if (type === 'HAnimHumanoid') humanoid ??= node
-    if (type === 'HAnimJoint') joints[node.name] = node
+    if (type === 'HAnimHumanoid') figures.push(node)
+    if (type === 'HAnimJoint') (joints[node.name] ??= []).push(node)
     if (type === 'TimeSensor' && pose) node.enabled = false
     for (const field of node.getFieldDefinitions()) {
       if (field.accessType === T.inputOnly || field.accessType === T.outputOnly) continue
@@ -48,14 +47,14 @@ LOAD = """async ([text, pose]) => {
   }
   const result = {nodes}
   if (pose) for (const name in joints)
-    joints[name].rotation = new X3D.SFRotation(...(pose[name] ?? [0, 0, 1, 0]))
+    for (const joint of joints[name]) joint.rotation = new X3D.SFRotation(...(pose[name] ?? [0, 0, 1, 0]))
   for (let k = 0; k < 2; ++k) await browser.nextFrame()
-  const own = humanoid?.getValue()
-  if (pose && humanoid?.skinCoord && own.jointMatricesArray) {
-    result.matrices = {}
-    own.jointNodes.forEach((joint, k) =>
-      result.matrices[joint._name.getValue()] ??= Array.from(own.jointMatricesArray.slice(k * 32, k * 32 + 16)))
-  }
+  result.figures = figures.map((humanoid) => {
+    const own = humanoid.getValue(), matrices = {}
+    if (pose && humanoid.skinCoord && own.jointMatricesArray) own.jointNodes.forEach((joint, k) =>
+      matrices[joint._name.getValue()] ??= Array.from(own.jointMatricesArray.slice(k * 32, k * 32 + 16)))
+    return {name: humanoid.name, matrices}
+  })
   return result
 }"""
 

@@ -281,7 +281,12 @@ def _influence(joint: Joint, count: int) -> tuple[Ints, Floats]:
 
 
 def _morph(displacer: Displacer, where: str, count: int, joint: int, skeleton: Skeleton | None = None) -> Morph | None:
-    """A displacer whose indices fit into `count` points; entries that do not fit are skipped, with a warning."""
+    """A displacer whose indices fit into `count` points; entries that do not fit are skipped, with a warning.
+
+    None for one that only marks a region: nothing that deforms has a use for it.
+    """
+    if displacer.marks:
+        return None
     index = np.asarray(displacer.coord_index, dtype=np.int64).reshape(-1)
     offset = np.asarray(displacer.displacements, dtype=np.float64).reshape(-1, 3)
     n = min(len(index), len(offset))

@@ -15,6 +15,10 @@ from vitruvian.cli.refitting import FitOption
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vitruvian.body.types import Body
+    from vitruvian.cloth.garment import Garment
     from vitruvian.cloth.pattern import Pattern
 
 APART = 3.0  # millimetres between what was to be sewn above which a seam is called open; less is welded
@@ -105,6 +109,19 @@ def dress(
         None, "--sidecar", help="How a drawing is sewn (NAME.sewing.json beside it otherwise)."
     ),
     fit_map: Path | None = FitOption,
+    layers: bool = typer.Option(
+        False,
+        "--layers",
+        help="Also sort the cloth into tight, loose and floating, ready to be worn in motion: kept in "
+        ".garment.npz, shown by --fit-map.",
+    ),
+    edge: list[str] = typer.Option(
+        [],
+        "--edge",
+        metavar="REGION=TIGHT,LOOSE",
+        help="Millimetres from the skin up to which cloth is tight and loose on "
+        "trunk, l_thigh, ...: trunk=8,40; may be repeated. Means --layers.",
+    ),
     repair: bool = Repair,
     as_json: bool = Json,
 ) -> None:
@@ -124,6 +141,7 @@ def dress(
     body = _bare(source, repair)
     packed = pack(body)
     cloths = [fabric_from(name) for name in fabric]
+    edges = _edges(edge)
     patterns = [_sewable(path, body, sidecar) for path in garments]
     lowered = _lowered(patterns) if arms is None else radians(arms)
     patterns = [placed_on(pattern, body, arms=lowered) for pattern in patterns]
@@ -136,7 +154,12 @@ def dress(
                 progress=partial(_told, bar, k, len(patterns)),
             )  # fmt: skip
             over = [*made.below, made]
+    sorted_ = layers or bool(edge)
+    if sorted_:
+        made = ready(made, packed, edges)
     lost, said = written(made, body, out, fit_map)
+    if sorted_:
+        said["layers"] = {g.name: _counts(g) for g in (*made.below, made)}
     document: dict[str, Any] = dict(made.report) | {"seconds": time.perf_counter() - start, "lost": lost}
     document["below"] = [dict(g.report) | {"name": g.name} for g in made.below]
     reasons = faults(document)
@@ -147,10 +170,47 @@ def dress(
         f"{document['strain_p99']:.1%}, {document['self_intersections']} cuts of itself, "
         f"{count(document['penetrating_vertices'], 'point')} in the body; {document['seconds']:.1f} s"
     )
+    for name, counts in said.get("layers", {}).items():
+        text += f"\n{name}: " + ", ".join(f"{v:.0%} {k}" for k, v in counts.items())
     lines = [text, *reasons, *said.get("fit", {}).get("findings", []), *(f"lost: {line}" for line in lost)]
     emit(document | {"reasons": reasons, **said}, "\n".join(lines), as_json)
     if reasons:
         raise typer.Exit(1)
+
+
+def ready(made: Garment, body: Body, edges: Mapping[str, tuple[float, float]]) -> Garment:
+    """The garment and those below it with their layers, ready to be worn in motion."""
+    from vitruvian.cloth.wear import hung, wear, wearer
+    from vitruvian.deform.deformer import deformer
+
+    return hung(wear(made, wearer(deformer("log", body)), edges=edges))
+
+
+def _edges(words: list[str]) -> dict[str, tuple[float, float]]:
+    """Region -> metres up to which cloth is tight and loose there, of `trunk=8,40` and the like."""
+    from vitruvian.cloth.layers import REGIONS, TRUNK
+
+    out = {}
+    for word in words:
+        name, _, values = word.partition("=")
+        try:
+            tight, loose = (float(v) / 1000 for v in values.split(","))
+        except ValueError:
+            raise VitruvianError(f"--edge: expected REGION=TIGHT,LOOSE in millimetres, found {word!r:.40}") from None
+        if name not in (TRUNK, *REGIONS):
+            raise VitruvianError(f"--edge: expected one of {', '.join((TRUNK, *REGIONS))}, found {name!r:.40}")
+        if not 0 <= tight <= loose <= 1:
+            raise VitruvianError(f"--edge {word}: expected 0 <= TIGHT <= LOOSE <= 1000")
+        out[name] = (tight, loose)
+    return out
+
+
+def _counts(made: Garment) -> dict[str, float]:
+    """Share of a garment's vertices in each layer."""
+    from vitruvian.cloth.layers import NAMES
+
+    assert made.hung is not None
+    return {name: round(float((made.hung.layer == k).mean()), 4) for k, name in enumerate(NAMES)}
 
 
 def _lowered(patterns: list[Pattern]) -> float:

@@ -89,7 +89,8 @@ def fit(made: Garment, body: Humanoid, out: Path) -> FitMap:
     from vitruvian.show.fit_view import fit_view, sheet
 
     there = standing(made, pack(body))
-    view = fit_view(found, there.vertices, there.body.skin.triangles, made.vertices, name=made.name)
+    view = fit_view(found, there.vertices, there.body.skin.triangles, made.vertices, name=made.name,
+                    kinds=None if made.hung is None else made.hung.layer)  # fmt: skip
     if kind == ".png":
         sheet(view, out)
     else:

@@ -17,6 +17,15 @@ from vitruvian.cloth.tessellate import PanelMesh
 
 
 @dataclass(frozen=True, eq=False)
+class Hung:
+    """How a garment hangs on the body that it was draped on when that stands with its arms down, x (w,3) metres, and the
+    layer (w,) of each of its vertices, see `vitruvian.cloth.layers`."""
+
+    x: Floats
+    layer: Ints
+
+
+@dataclass(frozen=True, eq=False)
 class Garment:
     """A pattern sewn and draped on a body.
 
@@ -24,7 +33,7 @@ class Garment:
     it hangs on the body posed by matrices (J,4,4); fabrics: one for each panel. report: how it was made and fits, see
     `vitruvian.cloth.tailor.tailor`; below: the garments that it is worn over, as they lie under it, innermost first.
     graded (m,3,2) metres, weft and warp: the corners of its triangles in a cloth that is cut larger or smaller than the
-    panels, see `vitruvian.cloth.resizing`; None: as the panels are.
+    panels, see `vitruvian.cloth.resizing`; None: as the panels are. hung: what `vitruvian.cloth.wear.hung` has found out.
     """
 
     pattern: Pattern
@@ -36,6 +45,7 @@ class Garment:
     report: Mapping[str, Any] = field(default_factory=dict)
     below: tuple[Garment, ...] = ()
     graded: Floats | None = None
+    hung: Hung | None = None
 
     @property
     def name(self) -> str:

@@ -51,12 +51,12 @@ def refitted(
     other = standing(garment, after)
     changed = moved(garment, skin, other.vertices, other.triangles)
     below = tuple(refitted(g, skin, after, policy=policy, seconds=seconds) for g in garment.below)
-    made = replace(changed, matrices=other.matrices, below=below)
+    made = replace(changed, matrices=other.matrices, below=below, hung=None)
     if policy == "grade":
         made = graded(made, garment)
     long = (SECONDS if policy == "keep_pattern" else 0.0) if seconds is None else seconds
     if np.array_equal(skin, other.vertices):
-        return replace(made, report=garment.report)
+        return replace(made, report=garment.report, hung=garment.hung)
     return settled(made, still(other.vertices, other.triangles), long)
 
 
@@ -80,7 +80,7 @@ def moved(garment: Garment, before: Floats, after: Floats, triangles: Ints) -> G
     """
     require(len(before) == len(after), "skin", f"the {len(before)} points that it was sewn on", len(after))
     bound = bind(before, triangles, garment.vertices, garment.triangles)
-    return replace(garment, vertices=garment.vertices + displaced(bound, garment.sheet, before, after))
+    return replace(garment, vertices=garment.vertices + displaced(bound, garment.sheet, before, after), hung=None)
 
 
 def displaced(bound: Binding, sheet: Sheet, before: Floats, after: Floats) -> Floats:

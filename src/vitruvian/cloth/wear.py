@@ -6,7 +6,8 @@ Source: seed 003, sections 5.2 and 5.3.1; note cloth.md, section 6.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from vitruvian.body.rotations import between as turn_between
 from vitruvian.body.rotations import from_matrix, from_vector, slerp
 from vitruvian.body.types import Floats, Ints, Skeleton
 from vitruvian.cloth.binding import Binding, bind, feet
-from vitruvian.cloth.garment import Garment
+from vitruvian.cloth.garment import Garment, Hung
 from vitruvian.cloth.layers import Anatomy, anatomy, sort
 from vitruvian.cloth.moving import Passing, Skin
 from vitruvian.cloth.placing import LEGS, largest
@@ -116,25 +117,45 @@ def wear(
     skeleton = person.run.body.skeleton
     matrices = stood(skeleton) if pose is None else pose
     skin, joints = person.at(matrices)
-    there = [person.at(m)[0] for m in training(skeleton)]
-    poses = [(s.points.astype(np.float64), s.normals.astype(np.float64)) for s in there]
+    trials = cache(partial(_trials, person))
     hips = [joints[skeleton.index[j], 1] for j in FORK if j in skeleton.index]
     garments, out = (*garment.below, garment), []
     inner: list[tuple[Floats, Floats]] = []  # of what is below: feet, and heights over the skin
-    for own, x in zip(garments, led(garments, person, matrices)):
+    known = [g.hung for g in garments if g.hung is not None] if pose is None else []
+    if len(known) < len(garments):
+        known = []
+    places = [k.x for k in known] or led(garments, person, matrices)
+    for k, (own, x) in enumerate(zip(garments, places)):
         binding = _bound(skin, x, sides(person, own))
         foot = np.einsum("nk,nkx->nx", binding.share, skin.points[binding.triangles[binding.face]])
-        trained = [(points, binding.at(points, normals)) for points, normals in poses]
-        layer = sort(
-            binding, x, own.triangles, person.regions, person.known, trained, edges=edges,
-            crotch=_crotch(skin, person) if hips else None, painted=painted if own is garment else None,
-        )  # fmt: skip
+        mine = painted if own is garment else None
+        if known and not edges and not mine:
+            layer = known[k].layer
+        else:
+            trained = [(points, binding.at(points, normals)) for points, normals in trials()]
+            layer = sort(
+                binding, x, own.triangles, person.regions, person.known, trained, edges=edges,
+                crotch=_crotch(skin, person) if hips else None, painted=mine,
+            )  # fmt: skip
         regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
         least = _raised(foot, inner)
         worn = made(own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, least, gap=gap)
         out.append(Prepared(own, worn, matrices, x))
         inner.append((foot, binding.offset[:, 2]))
     return tuple(out)
+
+
+def hung(prepared: Sequence[Prepared]) -> Garment:
+    """The garment that was prepared, and those below it, with what there was to find out for that: `wear` on the same body
+    then takes a moment."""
+    *below, own = (replace(p.garment, hung=Hung(p.x, p.worn.layer)) for p in prepared)
+    return replace(own, below=tuple(below))
+
+
+def _trials(person: Wearer) -> list[tuple[Floats, Floats]]:
+    """Points and normals (V,3) of the skin in each training pose."""
+    there = [person.at(m)[0] for m in training(person.run.body.skeleton)]
+    return [(s.points.astype(np.float64), s.normals.astype(np.float64)) for s in there]
 
 
 def _raised(foot: Floats, inner: Sequence[tuple[Floats, Floats]]) -> Floats:

@@ -7,8 +7,9 @@ An npz of plain arrays, never pickled. `head` is the bytes of a JSON text:
 
 and the arrays are those of `PanelMesh` (material, grain, triangles, panel, pairs, seam; `edges`: the vertices along each
 edge, one after the other) and `Garment` (weld, vertices, matrices, graded if it is), with `skin` (V,3) metres and
-`skin_triangles` (t,3) of the whole body as it stood. The binding of cloth to skin follows from them, see
-`vitruvian.cloth.binding`.
+`skin_triangles` (t,3) of the whole body as it stood; where it is ready to be worn, `hung` (w,3) metres, how it hangs on
+the standing body, and `layer` (w,): what is tight, 0, loose, 1, and floating, 2. The binding of cloth to skin follows from
+them, see `vitruvian.cloth.binding`.
 Source: note cloth.md, section 10.
 """
 
@@ -25,7 +26,8 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints, floats, indices
 from vitruvian.cloth.fabric import Fabric
-from vitruvian.cloth.garment import Garment
+from vitruvian.cloth.garment import Garment, Hung
+from vitruvian.cloth.layers import NAMES
 from vitruvian.cloth.tessellate import PanelMesh
 from vitruvian.errors import FileError, VitruvianError
 from vitruvian.formats.amass import Archive
@@ -68,6 +70,8 @@ def write_garment(kept: Kept, path: str | os.PathLike[str]) -> None:
     }  # fmt: skip
     if g.graded is not None:
         arrays["graded"] = g.graded
+    if g.hung is not None:
+        arrays |= {"hung": g.hung.x, "layer": g.hung.layer}
     with atomic(path) as part, open(part, "wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -85,7 +89,7 @@ def read_garment(path: str | os.PathLike[str]) -> Kept:
         if lacking:
             raise FileError(path, 0, f"expected an array {lacking[0]}, found none")
         head = _head(path, archive.get("head"))
-        arrays = {n: archive.get(n) for n in (*names, "graded")}
+        arrays = {n: archive.get(n) for n in (*names, "graded", "hung", "layer")}
     try:
         return _kept(head, arrays, os.fspath(path))
     except (VitruvianError, ValueError, TypeError, KeyError, IndexError) as error:
@@ -139,7 +143,13 @@ def _kept(head: Mapping[str, Any], arrays: Mapping[str, Any], path: str) -> Kept
     skin = floats(arrays["skin"], "skin", None, 3)
     matrices = floats(arrays["matrices"], "matrices", None, 4, 4)
     report = _object(head.get("report", {}), "report")
-    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded=graded)
+    hung = None
+    if arrays["hung"] is not None:
+        layer = np.zeros(0) if arrays["layer"] is None else np.rint(arrays["layer"])
+        hung = Hung(
+            floats(arrays["hung"], "hung", len(vertices), 3), indices(layer, "layer", len(NAMES), len(vertices))
+        )
+    garment = Garment(pattern, mesh, weld, vertices, fabrics, matrices, report, graded=graded, hung=hung)
     if len(triangles):
         assert garment.sheet is not None  # a sheet whose triangles have no area is refused here
     return Kept(garment, skin, indices(whole("skin_triangles"), "skin_triangles", len(skin), None, 3))

@@ -8,6 +8,7 @@ from vitruvian.hanim.build_motion import INTERPOLATORS
 from vitruvian.hanim.graph import Node, Use
 from vitruvian.hanim.humanoid import Humanoid, Viewpoint
 from vitruvian.hanim.reading import Reading
+from vitruvian.hanim.studio import of_a_studio
 
 # Node types whose meaning the typed view carries (or that are made anew).
 _CARRIED = {
@@ -99,12 +100,12 @@ def info_strings(h: Humanoid) -> list[str]:
 
 
 def left_behind(humanoids: list[Humanoid], carried: set[int]) -> list[str]:
-    """What the source files hold that a new scene does not: node types with their counts."""
+    """What the source files hold that a new scene does not, nor makes anew: node types with their counts."""
     counts: Counter[str] = Counter()
     for scene in {id(h.scene): h.scene for h in humanoids if h.scene is not None}.values():
         reading = Reading(scene)
         other = (n for n in scene.walk() if n.type not in _CARRIED and id(n) not in carried)
-        counts.update(n.type for n in other if not reading.kind(n))
+        counts.update(n.type for n in other if not reading.kind(n) and not of_a_studio(reading, n))
     if not counts:
         return []
     some = ", ".join(f"{n} {kind}" for kind, n in counts.most_common(8)) + (", ..." if len(counts) > 8 else "")

@@ -117,7 +117,8 @@ def _degrees(a: Floats, b: Floats) -> float:
 
 def placement(figure: Figure, at: dict[str, Floats], points: Floats) -> tuple[float, float, Floats]:
     """What P05 measures, in metres where the Humanoid's own transform puts it: height from ankle to skull, height of
-    the soles (of the ankles when there is no mesh), middle of the joints.
+    the soles (of the ankles when there is no mesh), middle of the joints. People who share a scene stand side by side:
+    for these the middle is that before their own translation.
     """
     place = matrix(figure.chart, figure.node)
     joints = np.array(list(at.values())) @ place[:3, :3].T + place[:3, 3]
@@ -127,7 +128,10 @@ def placement(figure: Figure, at: dict[str, Floats], points: Floats) -> tuple[fl
     body = points @ place[:3, :3].T + place[:3, 3]
     covered = len(body) and float(np.ptp(body[:, 1])) > 0.8 * abs(tall)
     soles = float(body[:, 1].min()) if covered else float(ankle[1]) - 0.06 * tall
-    return tall, soles, joints.mean(axis=0)
+    middle = joints.mean(axis=0)
+    if sum(figure.chart.reading.kind(n) == "Humanoid" for n in figure.chart.nodes) > 1:
+        middle -= place[:3, 3]
+    return tall, soles, middle
 
 
 def misplaced(tall: float, soles: float, middle: Floats, points: Floats) -> tuple[bool, bool]:

@@ -253,7 +253,8 @@ def _displacers(figure: Figure) -> None:
         if len(moves) % 3 or (len(moves) and len(moves) // 3 != len(index)):
             message = f"{len(index)} coordIndex but {len(moves) / 3:g} displacements"
             add("D01", node, message, "cut both to the shorter")
-        if not chart.numbers(node, "weight").any() and (node.name, "weight") not in driven:
+        region = not moves.any() and chart.text(node, "name").endswith("_feature")  # moves nothing at any weight
+        if not region and not chart.numbers(node, "weight").any() and (node.name, "weight") not in driven:
             silent.append(chart.text(node, "name") or node.name or "(no name)")
     if silent:
         what = several(len(silent), "displacer has", "displacers have")

@@ -63,6 +63,11 @@ class Displacer(Described):
     weight: float = 0.0
     node: Node | None = None
 
+    @property
+    def marks(self) -> bool:
+        """Whether it marks a region and moves nothing: a `_feature` whose displacements are all zero."""
+        return self.name.endswith("_feature") and not self.displacements.any()
+
 
 @dataclass(slots=True, frozen=True)
 class Picture:

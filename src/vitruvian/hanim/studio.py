@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from vitruvian.errors import FileError
 from vitruvian.hanim.graph import Node
 from vitruvian.hanim.humanoid import Array, Humanoid, Shape
+from vitruvian.hanim.reading import Reading
 
 _FIELD_OF_VIEW = 0.6  # radians, of the shorter side of the window
+_LIGHTS = (  # direction, intensity, colour
+    ((-0.5, -0.6, -0.7), 0.9, (1.0, 0.97, 0.92)),
+    ((0.8, -0.2, -0.5), 0.4, (0.85, 0.92, 1.0)),
+    ((0.1, -0.5, 0.9), 0.5, (1.0, 1.0, 1.0)),
+)
+_CAMERAS = {"Front": 0.0, "Three-quarter": 0.6, "Side": np.pi / 2, "Back": np.pi}  # turned about Y
 
 
 def bounds(humanoids: list[Humanoid]) -> tuple[Array, Array]:
@@ -47,11 +55,7 @@ def studio(humanoids: list[Humanoid]) -> list[Node]:
             },
         ),
     ]
-    for direction, intensity, color in (
-        ((-0.5, -0.6, -0.7), 0.9, (1.0, 0.97, 0.92)),
-        ((0.8, -0.2, -0.5), 0.4, (0.85, 0.92, 1.0)),
-        ((0.1, -0.5, 0.9), 0.5, (1.0, 1.0, 1.0)),
-    ):
+    for direction, intensity, color in _LIGHTS:
         fields = {
             "direction": np.array(direction),
             "intensity": intensity,
@@ -60,7 +64,7 @@ def studio(humanoids: list[Humanoid]) -> list[Node]:
         }
         nodes.append(Node("DirectionalLight", fields=fields))
     down = float(np.arctan2(eye - middle[1], back))
-    for title, turn in (("Front", 0.0), ("Three-quarter", 0.6), ("Side", np.pi / 2), ("Back", np.pi)):
+    for title, turn in _CAMERAS.items():
         position = middle + [np.sin(turn) * back, eye - middle[1], np.cos(turn) * back]
         fields = {
             "description": title,
@@ -71,6 +75,20 @@ def studio(humanoids: list[Humanoid]) -> list[Node]:
         }
         nodes.append(Node("Viewpoint", fields=fields))
     return nodes
+
+
+def of_a_studio(reading: Reading, node: Node) -> bool:
+    """Whether a node of a file is a light or a camera as `studio` makes them for every new scene."""
+    if node.type not in ("DirectionalLight", "Viewpoint"):
+        return False
+    try:
+        if node.type == "Viewpoint":
+            view = reading.number(node, "fieldOfView", 0.785398)
+            return reading.text(node, "description") in _CAMERAS and bool(np.isclose(view, _FIELD_OF_VIEW))
+        own = reading.vector(node, "direction", (0.0, 0.0, -1.0))
+    except FileError:  # what nobody needed to read till now may be damaged
+        return False
+    return any(np.allclose(own, direction) for direction, _, _ in _LIGHTS)
 
 
 def _axis_angle(yaw: float, pitch: float) -> Array:

@@ -15,7 +15,7 @@ from scipy.sparse import csr_matrix, eye, vstack
 from vitruvian.body.types import Floats, Ints, Weights
 from vitruvian.errors import VitruvianError
 from vitruvian.hanim.humanoid import Displacer, Humanoid, Material, Shape, Site, Viewpoint
-from vitruvian.modeling import anatomy, source
+from vitruvian.modeling import anatomy, face, source
 from vitruvian.modeling.look import STYLES, Color, hair_color_at, look_parts, parents_of, skin_colors
 from vitruvian.modeling.mass import Wedges, part_of, wedges
 from vitruvian.modeling.outfit import SUIT, hidden_faces, outfit_colors
@@ -130,6 +130,8 @@ def figure(
         joint.skin_coord_index, joint.skin_coord_weight = index.copy(), weight.copy()
     top = joints["skullbase"] if "skullbase" in joints else joints["humanoid_root"]
     top.displacers = [Displacer(n, index.copy(), moves.copy()) for n, index, moves in _face_moves(assembly.keys)]
+    for region, index in face.regions().items():
+        top.displacers.append(Displacer(f"{region}_feature", index.copy(), np.zeros((len(index), 3))))
     stature = float(where[body, 1].max() - where[body, 1].min())
     info = {
         "age": f"{sliders.age:g}",
@@ -377,20 +379,26 @@ def _restored(body: Floats, volume: float) -> tuple[Floats, float]:
 
 @lru_cache(maxsize=16)
 def _face_moves(keys: tuple[str, ...]) -> list[tuple[str, Ints, Floats]]:
-    """The 52 face units as name, points and displacements; the names carry the standard's suffix `_action`."""
+    """The 52 face units as name, points and displacements, named with the standard's suffix `_action`; then the
+    expressions made of them, `_config`."""
     units = {unit: source.target(unit, "faces") for unit in sorted(source.manifest()["faces"])}
-    face = np.unique(np.concatenate([index for index, _ in units.values()]))
-    near = parents_matrix(keys)[:, face]
+    some = np.unique(np.concatenate([index for index, _ in units.values()]))
+    near = parents_matrix(keys)[:, some]
     rows = np.flatnonzero(np.diff(near.indptr)).astype(np.int32)
     near = near[rows]
-    out = []
+    fields: dict[str, Floats] = {}
     for unit, (index, offset) in units.items():
-        field = np.zeros((len(face), 3))
-        field[np.searchsorted(face, index)] = offset
+        fields[unit] = np.zeros((len(some), 3))
+        fields[unit][np.searchsorted(some, index)] = offset
+    named = {action_name(unit): field for unit, field in fields.items()}
+    for name, shares in face.configurations().items():
+        named[name] = sum((w * fields[unit] for unit, w in shares.items()), np.zeros((len(some), 3)))
+    out = []
+    for name, field in named.items():
         moved = near @ field
-        x, y, z = (np.abs(moved) > LEAST_MOVE).T
+        x, y, z = (np.abs(moved) > (LEAST_MOVE if name.endswith("_action") else face.LEAST_MOVE)).T
         chosen = np.flatnonzero(x | y | z)
-        out.append((action_name(unit), rows[chosen], moved[chosen]))
+        out.append((name, rows[chosen], moved[chosen]))
     return out
 
 

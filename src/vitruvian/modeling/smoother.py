@@ -184,6 +184,10 @@ def _carried(
 
 def _displaced(d: Displacer, matrix: csr_array, first: Whole, count: int) -> Displacer | None:
     full = np.zeros((count, 3))
+    if d.marks:
+        full[d.coord_index] = 1.0
+        some = np.flatnonzero((matrix @ full[first])[:, 0] > 0.5).astype(np.int32)
+        return replace(d, coord_index=some, displacements=np.zeros((len(some), 3)), node=None) if len(some) else None
     full[d.coord_index] = d.displacements
     moves = matrix @ full[first]
     some = np.flatnonzero(np.abs(moves).max(axis=1, initial=0) > _LEAST_MOVE).astype(np.int32)

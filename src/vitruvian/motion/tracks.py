@@ -264,6 +264,7 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
     rotation, shift = _pose(skeleton, frames, f"animation {tracks[0].timer} at {rate:g} frames a second")
     fraction = np.clip(np.arange(frames) / max(interval * rate, 1e-9), 0.0, 1.0)
     weights: dict[str, Floats] = {}
+    regions = {d.name for d in humanoid.displacers() if d.marks}
     lost = []
     carried: dict[str, Floats] = {}
     sizes: Floats | None = None
@@ -271,6 +272,8 @@ def _from_tracks(humanoid: Humanoid, tracks: list[Track], skeleton: Skeleton, fp
         exact = fps is None and even and len(track.keys) > 1  # frames are its keys, however these were rounded
         at = np.asarray(track.keys, dtype=np.float64)[:frames] if exact else fraction
         if track.field == "weight":
+            if track.target in regions:
+                continue  # nothing moves
             weights[track.target] = sample_track(track, at)[:, 0]
             continue
         if not track.target and track.field in ("rotation", "translation"):

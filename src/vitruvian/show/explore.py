@@ -28,6 +28,7 @@ GROUPS = (
     ("Mouth and jaw", re.compile(r"mouth|(?<![cfls])lip|jaw|chin|smile|frown|tongue|teeth|viseme|dimple|pucker", re.I)),
     ("Eyes", re.compile(r"(?<![a-z])eye|blink|(?<!so)lid|pupil|iris|gaze", re.I)),
     ("Other parts of the face", re.compile(r"face|facial|(?<![a-z])(?:head|skull|ear)", re.I)),
+    ("Expressions", re.compile(r"_config$")),
 )
 OTHER = "Other shapes"
 DEEPEST = 64  # levels below a Site that are searched for its Viewpoint

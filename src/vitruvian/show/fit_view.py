@@ -14,6 +14,7 @@ import numpy as np
 
 from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.fit_map import PRESSED, FitMap
+from vitruvian.cloth.layers import NAMES
 from vitruvian.errors import VitruvianError
 from vitruvian.show.heat import HOLE, drawn, ramp
 from vitruvian.show.surfaces import Surface
@@ -24,13 +25,14 @@ if TYPE_CHECKING:
 
 SKIN = 0.93  # of the body in pictures, so that cloth stands out from it
 ENDS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # of colour bars
+KINDS = ((0.27, 0.45, 0.72), (0.36, 0.66, 0.42), (0.86, 0.42, 0.32))  # tight, loose, floating
 _INK, _FAINT, _PAPER = (38, 40, 44), (104, 107, 112), (250, 249, 247)
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
     """One thing to be seen: values (V,), NaN where there is no cloth, from `low` to `high` at the ends of its bar, and the
-    figures of the whole and of each region, (name, mean, p99, max)."""
+    figures of the whole and of each region, (name, mean, p99, max). names: of the values 0, 1, ... where they are kinds."""
 
     name: str
     unit: str
@@ -39,12 +41,13 @@ class Layer:
     high: float
     ramp: Floats
     rows: tuple[tuple[str, float, float, float], ...]
+    names: tuple[str, ...] = ()
 
     def told(self) -> dict[str, Any]:
         """What pages hear of it beside the values."""
         return {
             "name": self.name, "unit": self.unit, "low": self.low, "reach": self.high,
-            "ramp": np.round(self.ramp, 4).tolist(), "rows": [list(r) for r in self.rows],
+            "ramp": np.round(self.ramp, 4).tolist(), "rows": [list(r) for r in self.rows], "kinds": list(self.names),
         }  # fmt: skip
 
     def colors(self, hole: tuple[float, float, float] = HOLE) -> Floats:
@@ -75,8 +78,17 @@ class FitView:
         return {**first, "hole": list(HOLE), "against": "skin", "numbers": {"parts": {}}, **told}
 
 
-def fit_view(found: FitMap, skin: Floats, skin_triangles: Ints, vertices: Floats, *, name: str = "garment") -> FitView:
-    """The view of a fit: the body, skin (V,3) with its triangles (t,3), and the garment's vertices (n,3), metres."""
+def fit_view(
+    found: FitMap,
+    skin: Floats,
+    skin_triangles: Ints,
+    vertices: Floats,
+    *,
+    name: str = "garment",
+    kinds: Ints | None = None,
+) -> FitView:
+    """The view of a fit: the body, skin (V,3) with its triangles (t,3), and the garment's vertices (n,3), metres; kinds
+    (n,): their layers, see `vitruvian.cloth.layers`."""
     points = np.concatenate([skin, vertices])
     triangles = np.concatenate([skin_triangles, found.triangles + len(skin)]).astype(np.int32)
     summary, layers = found.summary(), []
@@ -98,6 +110,9 @@ def fit_view(found: FitMap, skin: Floats, skin_triangles: Ints, vertices: Floats
         layers.append(
             Layer(title, unit, whole, low, high, colours, (("all", total["mean"], total["p99"], total["max"]), *rows))
         )
+    if kinds is not None:
+        whole = np.concatenate([np.full(len(skin), np.nan), kinds])
+        layers.append(Layer("layers", "", whole, 0.0, len(NAMES) - 1.0, np.array(KINDS), (), NAMES))
     return FitView(Mesh(points, triangles, name=name), tuple(layers), name, tuple(summary["findings"]))
 
 
@@ -147,13 +162,18 @@ def _bar(layer: Layer, width: int) -> Pixels:
     draw = ImageDraw.Draw(image)
     left, right = int(0.16 * width), int(0.84 * width)
     at = np.linspace(0, len(layer.ramp) - 1, right - left)
+    if layer.names:
+        at = np.minimum(np.floor(np.linspace(0, len(layer.ramp), right - left)), len(layer.ramp) - 1)
     inks = np.stack([np.interp(at, np.arange(len(layer.ramp)), layer.ramp[:, i]) for i in range(3)], -1)
     for x, ink in zip(range(left, right), (inks * 255 + 0.5).astype(int), strict=True):
         draw.line([(x, 26), (x, 40)], fill=tuple(int(c) for c in ink))
     draw.rectangle([left, 26, right, 40], outline=(150, 150, 150))
     font, big = ImageFont.load_default(13), ImageFont.load_default(15)
-    draw.text(((left + right) / 2, 4), f"{layer.name}, {layer.unit}", _INK, font=big, anchor="ma")
-    for t in (0, 0.25, 0.5, 0.75, 1):
+    title = f"{layer.name}, {layer.unit}" if layer.unit else layer.name
+    draw.text(((left + right) / 2, 4), title, _INK, font=big, anchor="ma")
+    for k, kind in enumerate(layer.names):
+        draw.text((left + (k + 0.5) / len(layer.names) * (right - left), 47), kind, _INK, font=font, anchor="ma")
+    for t in (0, 0.25, 0.5, 0.75, 1) if not layer.names else ():
         value = layer.low + t * (layer.high - layer.low)
         tick = left + t * (right - left)
         draw.line([(tick, 40), (tick, 45)], fill=_FAINT)

@@ -71,7 +71,7 @@ export class HeatMap {
     $("heat-layers").hidden = !layers.length;
     $("heat-layers").replaceChildren(...layers.map((layer, i) => {
       const button = el("button", "", layer.name);
-      Object.assign(button.dataset, { testid: `heat-${layer.name}`, tip: `Colour the clothes by ${layer.name}, ${layer.unit}`, key: ":" });
+      Object.assign(button.dataset, { testid: `heat-${layer.name}`, tip: `Colour the clothes by ${layer.name}${layer.unit && `, ${layer.unit}`}`, key: ":" });
       button.onclick = () => this.layer(i);
       return button;
     }));
@@ -82,7 +82,8 @@ export class HeatMap {
     const { heat } = this.figure, { name, unit, low, reach, ramp, mm } = heat.layers[i];
     Object.assign(heat, { low, reach, ramp, mm, at: i });
     this.unit = unit;
-    $("heat-title").textContent = `${name}, ${unit}`;
+    $("heat-title").textContent = unit ? `${name}, ${unit}` : name;
+    $("heat-range").hidden = Boolean(heat.layers[i].kinds.length);
     [...$("heat-layers").children].forEach((b, k) => b.setAttribute("aria-pressed", String(k === i)));
     $("heat-range").value = String(10 * Math.log2(reach));
     this.ends();
@@ -113,8 +114,11 @@ export class HeatMap {
 
   ends() {
     const { heat } = this.figure, { reach, ramp, mm } = heat;
-    $("heat-ramp").style.background = `linear-gradient(to right, ${ramp.filter((_, i) => i % 4 === 0).map(css).join(", ")})`;
-    $("heat-ticks").replaceChildren(...(heat.low === 0 ? [0, 0.25, 0.5, 0.75, 1] : [-1, -0.5, 0, 0.5, 1]).map((t) => el("span", "", t ? `${t < 0 ? "\u2212" : heat.low === 0 ? "" : "+"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
+    const kinds = heat.layers?.[heat.at]?.kinds ?? [], part = 100 / (kinds.length || 1);
+    if (kinds.length) $("heat-ramp").style.background = `linear-gradient(to right, ${kinds.map((_, i) => `${css(ramp[i])} ${i * part}% ${(i + 1) * part}%`).join(", ")})`;
+    else $("heat-ramp").style.background = `linear-gradient(to right, ${ramp.filter((_, i) => i % 4 === 0).map(css).join(", ")})`;
+    if (kinds.length) $("heat-ticks").replaceChildren(...kinds.map((name) => el("span", "", name)));
+    else $("heat-ticks").replaceChildren(...(heat.low === 0 ? [0, 0.25, 0.5, 0.75, 1] : [-1, -0.5, 0, 0.5, 1]).map((t) => el("span", "", t ? `${t < 0 ? "\u2212" : heat.low === 0 ? "" : "+"}${Number(Math.abs(t * reach).toPrecision(3))}` : "0")));
     $("heat-range").setAttribute("aria-valuetext", `${reach} ${this.unit}`);
     const bins = new Float64Array(48), area = areas(this.figure);
     mm.forEach((d, v) => { if (Number.isFinite(d)) bins[Math.min(47, Math.floor(48 * along(heat, d)))] += area[v]; });
@@ -135,7 +139,7 @@ export class HeatMap {
   /** The figures of a layer: of everything and of each part of the body. */
   rows({ rows, unit }) {
     const say = (x) => Number(x.toPrecision(3)).toString();
-    const head = ["", "mean", "99 %", "max", unit].map((t) => el("i", "", t));
+    const head = (rows.length ? ["", "mean", "99 %", "max", unit] : []).map((t) => el("i", "", t));
     $("heat-numbers").replaceChildren(...head, ...rows.flatMap(([n, ...x]) => [el("span", "", n), ...x.map((v) => el("b", "", say(v))), el("b", "", "")]));
   }
 

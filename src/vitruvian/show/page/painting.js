@@ -41,7 +41,7 @@ function cleaned(row) {
 
 export class Painting {
   constructor(page) {
-    Object.assign(this, { page, panel: $("weights-panel"), on: false, changed: new Set() });
+    Object.assign(this, { page, panel: $("weights-panel"), on: false, changed: new Set(), sent: false });
     $("paint").onclick = () => this.toggle(!this.on);
     $("weights-save").onclick = () => this.save();
     $("weights-download").onclick = () => download(new Blob([this.csv(this.rows.keys())], { type: "text/csv" }), `${page.fileName()}-weights.csv`);
@@ -62,10 +62,12 @@ export class Painting {
     this.figure = figure.isBody && figure.triangles.length ? figure : null;
     this.panel.hidden = !this.figure;
     this.changed.clear();
+    this.sent = false;
     this.surface = null;
     if (!this.figure) return;
     const { row, joint, weight } = figure;
     this.rows = new Map(Array.from({ length: row.length - 1 }, (_, v) => [v, new Map(Array.from({ length: row[v + 1] - row[v] }, (_, k) => [joint[row[v] + k], weight[row[v] + k]]))]));
+    this.first = new Map(this.rows);
     $("weights-save").hidden = !this.page.hello.keeps?.weights;
     this.update();
   }
@@ -92,7 +94,7 @@ export class Painting {
     $("brush-joint").textContent = this.figure ? `Joint: ${this.figure.joints[page.selected] ?? "choose one in the list of joints"}` : "";
     $("brush-radius-value").textContent = `${$("brush-radius").value} mm`;
     $("brush-strength-value").textContent = `${$("brush-strength").value} %`;
-    $("weights-save").disabled = $("weights-download").disabled = !this.changed.size;
+    $("weights-save").disabled = $("weights-download").disabled = !this.changed.size && !this.sent; // what was sent may be taken back
   }
 
   /** {corners, point (3) at rest, world} where the ray through a pixel meets the skin. */
@@ -130,7 +132,7 @@ export class Painting {
       for (const [name, act] of [["pointermove", move], ["pointerup", up], ["pointercancel", up]]) window.removeEventListener(name, act);
       dab();
       const after = new Map([...before.keys()].map((v) => [v, this.rows.get(v)]));
-      const put = (rows) => { for (const [v, row] of rows) this.rows.set(v, row); this.settle(figure); };
+      const put = (rows) => { for (const [v, row] of rows) this.set(v, row); this.settle(figure); };
       this.settle(figure);
       if (before.size) page.history.push({ undo: () => put(before), redo: () => put(after) });
     };
@@ -141,6 +143,7 @@ export class Painting {
   dab([x, y], before) {
     const found = this.hit(x, y);
     if (!found) return;
+    this.at = found.point;
     const { surface, figure, page } = this, { strength, radius } = this, mode = $("brush-mode").value, joint = page.selected;
     const near = surface.reach(found.corners, found.point, radius), next = new Map();
     for (const [s, far] of near) {
@@ -149,13 +152,19 @@ export class Painting {
     }
     for (const [s, row] of next) for (const v of surface.at(s)) {
       if (!before.has(v)) before.set(v, this.rows.get(v));
-      this.rows.set(v, row);
-      this.changed.add(v);
+      this.set(v, row);
     }
     this.flatten();
     figure.paint("weights", joint);
     page.changed = true;
     this.update();
+  }
+
+  /** Undoing brings back the very rows that came: these count as unchanged. */
+  set(v, row) {
+    this.rows.set(v, row);
+    if (row === this.first.get(v)) this.changed.delete(v);
+    else this.changed.add(v);
   }
 
   /** Mean shares of the neighbours of a place, or null. */
@@ -209,9 +218,11 @@ export class Painting {
       source.weights(this.figure.name, text.slice(i, i + PIECE), i + PIECE >= text.length);
       await new Promise((done) => setTimeout(done, 12)); // the server takes so many requests a second
     }
+    this.sent = true;
+    this.update();
     $("weights-said").textContent = `Sent to ${hello.keeps.weights}.`;
   }
 
   /** What scripts may read. */
-  get told() { return this.figure && { on: this.on, changed: this.changed.size, radius: this.radius, under: ([x, y]) => this.hit(x, y)?.point ?? null, of: (v) => Object.fromEntries([...this.rows.get(v)].map(([j, w]) => [this.figure.joints[j], w])) }; }
+  get told() { return this.figure && { on: this.on, changed: this.changed.size, radius: this.radius, at: this.at, under: ([x, y]) => this.hit(x, y)?.point ?? null, of: (v) => Object.fromEntries([...this.rows.get(v)].map(([j, w]) => [this.figure.joints[j], w])) }; }
 }

@@ -2,7 +2,7 @@
 
 import { el } from "./controls.js";
 
-const ORDER = ["Brows", "Eyes", "Cheeks and nose", "Mouth and jaw", "Other parts of the face", "Other shapes"];
+const ORDER = ["Expressions", "Brows", "Eyes", "Cheeks and nose", "Mouth and jaw", "Other parts of the face", "Other shapes"];
 const MOST = 10; // weights that the server takes
 
 /** `on.displace(d, weight or null, key)`, `on.settle()`. */
