@@ -34,7 +34,8 @@ INFLUENCES = 4
 LEAST = 0.2  # volume that a blend of joints keeps at least; less of it can't be undone, and one joint carries the point
 KEPT = 0.75  # of the tolerance that is left to morph targets; the rest covers rounding
 SAVED = 0.8  # of the keys, so many targets that each frame looks at at most
-MOST = 1 << 27  # numbers in all frames together
+MOST = 1 << 26  # numbers in all frames together
+LONGEST = 600  # frames that singular vectors are looked for in: more take minutes
 
 Single = NDArray[np.float32]
 
@@ -90,8 +91,8 @@ def morphed(cache: VertexCache, matrices: Floats, tolerance: float = TOLERANCE) 
     keys, shapes, _, worst = reduced(iter(moved), len(live), KEPT * within)
     at = np.rint(keys * (frames - 1)).astype(int)
     times, weights, turns = cache.times[at], np.eye(len(at)), sway[at]
-    few = _fewest(moved.reshape(frames, -1), within)
-    if len(few[1]) <= SAVED * len(shapes):
+    few = _fewest(moved.reshape(frames, -1), within) if frames <= LONGEST else None
+    if few is not None and len(few[1]) <= SAVED * len(shapes):
         weights, worst = few[0], few[2]
         shapes = few[1].reshape(-1, len(live), 3)
         times, turns = cache.times, np.linalg.lstsq(weights, sway.reshape(frames, -1), rcond=None)[0]
