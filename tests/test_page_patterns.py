@@ -307,6 +307,27 @@ def test_it_is_draped_saved_and_read_back(browser, figure, tmp_path):
         assert kept[-1] == "" and desk.saved == desk.text
 
 
+def test_what_is_draped_is_worn_in_motion(browser, figure):
+    with editor(browser, figure, skirt()) as (page, desk):
+        press(page, "h")
+        assert "Drape the pattern first" in page.locator("#notice").text_content()
+        page.get_by_test_id("size").select_option("0.03")
+        press(page, "d")
+        wait(page, "vitruvian.draping === 'done'", 60)
+        still = page.evaluate("vitruvian.hangs")
+        press(page, "h")
+        wait(page, "vitruvian.strides > 20", 60)
+        seen = [page.evaluate("vitruvian.hangs") for _ in range(4) if page.wait_for_timeout(300) is None]
+        body, cloth = np.array([s["body"] for s in seen]), np.array([s["cloth"] for s in seen])
+        assert np.ptp(body, axis=0).max() > 0.02 and np.ptp(cloth, axis=0).max() > 0.01  # both move
+        assert np.abs(cloth - body)[:, [0, 2]].max() < 0.5  # and stay together, on the spot
+        assert page.get_by_test_id("walk").get_attribute("aria-pressed") == "true"
+        press(page, "Escape")
+        wait(page, "!vitruvian.walking", 20)
+        wait(page, f"Math.abs(vitruvian.hangs.cloth[1] - {still['cloth'][1]}) < 1e-3", 20)
+        assert page.evaluate("vitruvian.hangs.body") == pytest.approx(still["body"], abs=1e-3)  # it hangs again
+
+
 def test_a_pattern_is_downloaded_in_the_formats_that_there_are(browser, figure):
     made = {"pattern.json": lambda p: json.dumps(document(p)).encode()}
     with editor(browser, figure, skirt(), exports=made) as (page, _):

@@ -16,7 +16,7 @@ import numpy as np
 from vitruvian.body.types import Body
 from vitruvian.cloth.garment import Garment
 from vitruvian.errors import VitruvianError
-from vitruvian.motion.walk import walk
+from vitruvian.motion.gait import walk
 from vitruvian.show.wire import Block, quantise
 from vitruvian.stage.actor import Actor
 from vitruvian.stage.stage import Stage

@@ -165,6 +165,13 @@ export class Dressing {
     }
   }
 
+  /** For scripts: a point of the body, and the middle of the cloth. */
+  get hangs() {
+    const of = this.figure?.geometry.attributes.position, cloth = this.cloth?.geometry.attributes.position, at = of && of.count >> 1;
+    const middle = (a, k) => { let sum = 0; for (let i = k; i < a.length; i += 3) sum += a[i]; return (3 * sum) / a.length; };
+    return { body: of && [of.getX(at), of.getY(at), of.getZ(at)], cloth: cloth && [0, 1, 2].map((k) => middle(cloth.array, k)) };
+  }
+
   /** The body walks, and the garment with it. */
   stride(arrays) {
     if (!this.figure || !this.cloth || arrays.vertices.shape[0] !== this.count) return;

@@ -50,7 +50,7 @@ class Page {
       connected: read(() => page.desk.connected), document: read(() => page.desk.doc), selection: read(() => page.desk.selection),
       findings: read(() => page.desk.findings), unsaved: read(() => Boolean(page.desk.unsaved)), tool: read(() => page.tool),
       draping: read(() => page.draping?.state ?? null), report: read(() => page.report ?? null), shown: read(() => page.dressing.shown),
-      fell: read(() => page.fell ?? 0), proposed: read(() => page.inspector.proposed?.length ?? null), fps: read(() => page.drawn ?? 0), actors: read(() => (page.dressing.figure ? [1] : [])),
+      fell: read(() => page.fell ?? 0), walking: read(() => Boolean(page.walking)), strides: read(() => page.strides ?? 0), hangs: read(() => page.dressing.hangs), proposed: read(() => page.inspector.proposed?.length ?? null), fps: read(() => page.drawn ?? 0), actors: read(() => (page.dressing.figure ? [1] : [])),
     });
     state.pixel = (name, p) => page.at($("board"), page.board.screen(page.desk.panel(name), p));
     state.middle = (name, i, t = 0.5) => { const panel = page.desk.panel(name); return page.at($("board"), page.board.screen(panel, along(panel, i, [t])[0])); };
@@ -123,6 +123,7 @@ class Page {
     desk.on("fall", (header) => this.progress(header));
     desk.on("drape", (header) => this.draped(header));
     desk.on("walk", (header) => this.walked(header));
+    desk.on("stride", () => { this.strides = (this.strides ?? 0) + 1; });
     desk.on("shown", (what) => { press("worn", what === "worn"); $("report").hidden = what !== "worn" || !$("report").childElementCount; });
     for (const b of document.querySelectorAll("[data-tool]")) b.onclick = () => this.use(b.dataset.tool);
     for (const b of document.querySelectorAll("[data-mode]")) b.onclick = () => { dressing.mode = b.dataset.mode; for (const o of document.querySelectorAll("[data-mode]")) o.setAttribute("aria-pressed", String(o === b)); };
@@ -247,6 +248,7 @@ class Page {
   escape() {
     const { board, desk, dressing } = this;
     if (!$("keys").hidden) { $("keys").hidden = true; return; }
+    if (this.walking) { this.walk(); return; }
     if (board.tool.cancel?.()) { board.working = false; board.stale = true; return; }
     if (dressing.cancel()) return;
     if (this.draping?.state === "falling") { desk.ask({ type: "stop" }); return; }
