@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "cloth.h"
+#include "near_pairs.h"
 
 namespace vt {
 
@@ -149,6 +150,9 @@ struct PoseFrame {
     int solve_pose(const PoseProblem& problem, const PoseFrame& frame, double* room);                                 \
     void cloth_frame(const ClothProgram& program, const ClothFrame& frame, const ClothBody& body,                     \
                      const ClothTouch& touch);                                                                        \
+    void near_boxes(const NearTree& tree);                                                                            \
+    void near_pairs(const NearTree& tree, const Reach& reach, int64_t leaf, int32_t* corner, int64_t* corners,        \
+                    int32_t* cross, int64_t* crosses);                                                                \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

@@ -75,7 +75,8 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
 // Pairs (k,4), first those of vertices and triangles, of which there are c, with their sides (c,), then those of edges;
 // keys (r,2) and sides (r,) of those to be remembered. limits: the four of vt::Reach.
 nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
-                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side) {
+                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side,
+                     int threads) {
     vt::Surface s = surface(x, triangle, edge, same);
     check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
     s.sides = sides.data();
@@ -85,7 +86,14 @@ nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> tri
     vt::Near out;
     {
         nb::gil_scoped_release release;
-        vt::find_near(s, v.data(), {l[0], l[1], l[2], l[3]}, before.data(), side.data(), int64_t(before.shape(0)), out);
+        vt::NearKernels kernels{vt::base::near_boxes, vt::base::near_pairs};
+#if defined(VT_HAVE_V3)
+        if (newer()) kernels = {vt::v3::near_boxes, vt::v3::near_pairs};
+#endif
+        // looking for what is near is most of a frame: helpers pay earlier than elsewhere
+        const int many = threads > 0 || s.triangles < 4000 ? vt::threads_for(0, threads) : vt::threads_for(1 << 20, 0);
+        vt::find_near(kernels, many, s, v.data(), {l[0], l[1], l[2], l[3]}, before.data(), side.data(),
+                      int64_t(before.shape(0)), out);
         out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
     }
     const size_t all = out.corner.size() / 4, corners = out.side.size(), kept = out.key_side.size();
@@ -109,7 +117,8 @@ nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> 
 
 void bind_cloth(nb::module_& m) {
     m.def("cloth_frame", &cloth_frame);
-    m.def("near_cloth", &near_cloth);
+    m.def("near_cloth", &near_cloth, nb::arg("x"), nb::arg("v"), nb::arg("triangles"), nb::arg("edges"), nb::arg("sides"), nb::arg("same"), nb::arg("limits"), nb::arg("before"),
+          nb::arg("side"), nb::arg("threads") = 0);
     m.def("cloth_cuts", &cloth_cuts);
 }
 

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <utility>
+
+#include "threads.h"
 
 namespace vt {
 
@@ -105,7 +108,7 @@ namespace {
 
 // Where something is, and the range of its velocities.
 struct Range {
-    float low[3], high[3], slow[3], fast[3];
+    float low[3], high[3], slow[3], fast[3];  // one after the other
 
     static Range none() {
         Range r;
@@ -121,106 +124,157 @@ struct Range {
     void add(const Range& r) { add(r.low, r.slow), add(r.high, r.fast); }
 };
 
-bool may_meet(const Range& a, const Range& b, const Reach& reach) {
-    for (int j = 0; j < 3; ++j) {
-        const float back = std::max(-reach.moving, reach.time * (a.slow[j] - b.fast[j]));
-        const float on = std::min(reach.moving, reach.time * (a.fast[j] - b.slow[j]));
-        if (a.low[j] - b.high[j] + std::min(0.0f, back) > reach.still) return false;
-        if (a.high[j] - b.low[j] + std::max(0.0f, on) < -reach.still) return false;
-    }
-    return true;
-}
-
 Range range_of(const Surface& s, const float* v, const int32_t* index, int count) {
     Range r = Range::none();
     for (int k = 0; k < count; ++k) r.add(s.x + 4 * int64_t(index[k]), v + 4 * int64_t(index[k]));
     return r;
 }
 
-// A tree of ranges of triangles, halved along the longer side of their places.
-class Tree {
-public:
-    Tree(const Surface& s, const float* v) : range(size_t(s.triangles)), order(size_t(s.triangles)) {
-        for (int64_t t = 0; t < s.triangles; ++t) {
-            range[size_t(t)] = range_of(s, v, s.triangle + 3 * t, 3);
-            order[size_t(t)] = int32_t(t);
-        }
-        if (s.triangles) node.reserve(size_t(s.triangles)), split(0, int32_t(s.triangles));
-    }
-    // Calls f(t, u), t < u, for triangles that may meet.
-    template <class F>
-    void pairs(const Reach& reach, F&& f) const {
-        if (!node.empty()) inside(0, reach, f);
-    }
+// Every third bit of it.
+uint64_t spread(uint64_t x) {
+    x = (x | x << 16) & 0x030000ff0000ffull, x = (x | x << 8) & 0x0300f00f00f00full;
+    x = (x | x << 4) & 0x030c30c30c30c3ull, x = (x | x << 2) & 0x09249249249249ull;
+    return x;
+}
 
-    std::vector<Range> range;  // of each triangle
+// Triangles in the order of a curve that keeps near what is near (Morton 1966).
+std::vector<int32_t> along_curve(const std::vector<Range>& range) {
+    Range whole = Range::none();
+    for (const Range& r : range) whole.add(r);
+    float size = 1e-9f;
+    for (int j = 0; j < 3; ++j) size = std::max(size, whole.high[j] - whole.low[j]);
+    const size_t n = range.size();
+    std::vector<uint64_t> key(n), other(n);
+    for (size_t t = 0; t < n; ++t) {
+        uint64_t code = 0;
+        for (int j = 0; j < 3; ++j) {
+            const float at = (0.5f * (range[t].low[j] + range[t].high[j]) - whole.low[j]) / size;
+            code |= spread(uint64_t(at > 0 ? std::min(at * 2048.0f, 2047.0f) : 0.0f)) << j;
+        }
+        key[t] = code << 31 | t;
+    }
+    for (int shift = 31; shift < 64; shift += 11) {
+        uint32_t start[2049] = {0};
+        for (uint64_t k : key) ++start[(k >> shift & 2047) + 1];
+        for (int i = 0; i < 2048; ++i) start[i + 1] += start[i];
+        for (uint64_t k : key) other[start[k >> shift & 2047]++] = k;
+        key.swap(other);
+    }
+    std::vector<int32_t> order(n);
+    for (size_t t = 0; t < n; ++t) order[t] = int32_t(key[t] & 0x7fffffff);
+    return order;
+}
+
+// Puts something and the triangle that stands for it into a lane.
+void put(NearBlock& block, size_t lane, int32_t item, const Range& range, const V& normal, const Surface& s, int32_t t) {
+    block.item[lane] = item;
+    for (int j = 0; j < 3; ++j) {
+        block.box.value[j][lane] = range.low[j], block.box.value[3 + j][lane] = range.high[j];
+        block.box.value[6 + j][lane] = range.slow[j], block.box.value[9 + j][lane] = range.fast[j];
+        block.same[j][lane] = s.same[s.triangle[3 * int64_t(t) + j]];
+    }
+    block.normal[0][lane] = float(normal.x), block.normal[1][lane] = float(normal.y), block.normal[2][lane] = float(normal.z);
+}
+
+NearBlock nothing() {
+    NearBlock out{};
+    for (size_t l = 0; l < 8; ++l) {
+        for (size_t j = 0; j < 3; ++j) {
+            out.box.value[j][l] = out.box.value[6 + j][l] = 3e38f, out.box.value[3 + j][l] = out.box.value[9 + j][l] = -3e38f;
+            out.same[j][l] = -1;
+        }
+        out.item[l] = -1;
+    }
+    return out;
+}
+
+// Of a surface: the first triangle that each vertex and each edge is part of, with which it is looked at; ranges, normals.
+struct Parts {
+    Parts(const Surface& s, const float* v)
+        : vertex_of(size_t(s.vertices), -1), edge_of(size_t(s.edges), -1), range(size_t(s.triangles)), normal(size_t(s.triangles)) {
+        for (int64_t t = 0; t < s.triangles; ++t) {
+            const int32_t* c = s.triangle + 3 * t;
+            for (int k = 0; k < 3; ++k) {
+                int32_t &a = vertex_of[size_t(c[k])], &b = edge_of[size_t(s.sides[3 * t + k])];
+                if (a < 0) a = int32_t(t);
+                if (b < 0) b = int32_t(t);
+            }
+            range[size_t(t)] = range_of(s, v, c, 3);
+            const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
+            normal[size_t(t)] = (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
+        }
+    }
+    std::vector<int32_t> vertex_of, edge_of;
+    std::vector<Range> range;
+    std::vector<V> normal;
+};
+
+// The tree of near_pairs.h.
+struct Tree {
+    Tree(const NearKernels& kernels, const Surface& s, const float* v, const Parts& parts, double bent) {
+        const std::vector<int32_t> order = along_curve(parts.range);
+        const int64_t n = s.triangles, leaves = (n + 7) / 8;
+        const NearBlock none = nothing();
+        triangle.assign(size_t(leaves), none);
+        vertex.reserve(size_t(leaves)), edge.reserve(size_t(2 * leaves));
+        for (int64_t leaf = 0; leaf < leaves; ++leaf) {
+            vertex_first.push_back(int32_t(vertex.size())), edge_first.push_back(int32_t(edge.size()));
+            size_t vertices = 0, edges = 0;
+            for (int64_t k = 8 * leaf; k < std::min(n, 8 * leaf + 8); ++k) {
+                const int32_t t = order[size_t(k)];
+                const V& up = parts.normal[size_t(t)];
+                put(triangle[size_t(leaf)], size_t(k % 8), t, parts.range[size_t(t)], up, s, t);
+                for (int c = 0; c < 3; ++c) {
+                    const int32_t i = s.triangle[3 * int64_t(t) + c], e = s.sides[3 * int64_t(t) + c];
+                    if (parts.vertex_of[size_t(i)] == t) {
+                        if (vertices % 8 == 0) vertex.push_back(none);
+                        put(vertex.back(), vertices++ % 8, i, range_of(s, v, &i, 1), up, s, t);
+                    }
+                    if (parts.edge_of[size_t(e)] == t) {
+                        if (edges % 8 == 0) edge.push_back(none);
+                        put(edge.back(), edges++ % 8, e, range_of(s, v, s.edge + 2 * int64_t(e), 2), up, s, t);
+                    }
+                }
+            }
+        }
+        vertex_first.push_back(int32_t(vertex.size())), edge_first.push_back(int32_t(edge.size()));
+        int64_t before = 0;
+        for (int64_t blocks = leaves; blocks > 1 || first.empty();) {
+            blocks = (blocks + 7) / 8;
+            first.push_back(before), before += blocks;
+        }
+        upper.assign(size_t(before), none.box);
+        tree = {leaves, triangle.data(), vertex.data(), edge.data(), vertex_first.data(), edge_first.data(),
+                int(first.size()), first.data(), upper.data(), float(bent)};
+        kernels.boxes(tree);
+    }
+    NearTree tree;
 
 private:
-    static constexpr int32_t kLeaf = 4;
-    struct Node {
-        Range range;
-        int32_t begin, end, left, right;  // left < 0: a leaf
-    };
-    int32_t split(int32_t begin, int32_t end) {
-        const int32_t self = int32_t(node.size());
-        node.push_back({Range::none(), begin, end, -1, -1});
-        Range r = Range::none();
-        for (int32_t k = begin; k < end; ++k) r.add(range[size_t(order[size_t(k)])]);
-        node[size_t(self)].range = r;
-        if (end - begin <= kLeaf) return self;
-        int axis = 0;
-        for (int j = 1; j < 3; ++j)
-            if (r.high[j] - r.low[j] > r.high[axis] - r.low[axis]) axis = j;
-        const int32_t middle = (begin + end) / 2;
-        std::nth_element(order.begin() + begin, order.begin() + middle, order.begin() + end, [&](int32_t a, int32_t b) {
-            const float x = range[size_t(a)].low[axis] + range[size_t(a)].high[axis];
-            const float y = range[size_t(b)].low[axis] + range[size_t(b)].high[axis];
-            return x < y || (x == y && a < b);
-        });
-        const int32_t left = split(begin, middle), right = split(middle, end);
-        node[size_t(self)].left = left, node[size_t(self)].right = right;
-        return self;
-    }
-    template <class F>
-    void one(int32_t i, int32_t j, const Reach& reach, F&& f) const {
-        const int32_t t = order[size_t(i)], u = order[size_t(j)];
-        if (may_meet(range[size_t(t)], range[size_t(u)], reach)) f(std::min(t, u), std::max(t, u));
-    }
-    template <class F>
-    void inside(int32_t k, const Reach& reach, F&& f) const {
-        const Node& n = node[size_t(k)];
-        if (n.left < 0) {
-            for (int32_t i = n.begin; i < n.end; ++i)
-                for (int32_t j = i + 1; j < n.end; ++j) one(i, j, reach, f);
-            return;
-        }
-        inside(n.left, reach, f), inside(n.right, reach, f), between(n.left, n.right, reach, f);
-    }
-    template <class F>
-    void between(int32_t k, int32_t l, const Reach& reach, F&& f) const {
-        const Node &a = node[size_t(k)], &b = node[size_t(l)];
-        if (!may_meet(a.range, b.range, reach)) return;
-        if (a.left < 0 && b.left < 0) {
-            for (int32_t i = a.begin; i < a.end; ++i)
-                for (int32_t j = b.begin; j < b.end; ++j) one(i, j, reach, f);
-        } else if (b.left < 0 || (a.left >= 0 && a.end - a.begin >= b.end - b.begin)) {
-            between(a.left, l, reach, f), between(a.right, l, reach, f);
-        } else {
-            between(k, b.left, reach, f), between(k, b.right, reach, f);
-        }
-    }
-    std::vector<int32_t> order;
-    std::vector<Node> node;
+    std::vector<NearBlock> triangle, vertex, edge;
+    std::vector<int32_t> vertex_first, edge_first;
+    std::vector<int64_t> first;
+    std::vector<NearBoxes> upper;
 };
 
 V speed(const float* v, int32_t i) { return {v[4 * int64_t(i)], v[4 * int64_t(i) + 1], v[4 * int64_t(i) + 2]}; }
 
+constexpr int64_t kChunk = 32;  // leaves that one thread looks at in one go
 constexpr double kBent = 0.5;  // cosine of the angle between neighbours that may touch in the coming frame
 
 // Whether two of them that are `way` apart may meet before the frame ends, each pair of vertices moving straight on.
 bool meet(V way, const float* v, const int32_t* a, int m, const int32_t* b, int n, const Reach& reach) {
     const double limit = double(reach.still) * reach.still;
-    if (dot(way, way) <= limit) return true;
+    const double apart = dot(way, way);
+    if (apart <= limit) return true;
+    double fastest = 0;
+    for (int i = 0; i < m; ++i)
+        for (int j = 0; j < n; ++j) {
+            const V moving = speed(v, a[i]) - speed(v, b[j]);
+            fastest = std::max(fastest, dot(moving, moving));
+        }
+    const double far = std::min(double(reach.moving), reach.time * std::sqrt(fastest)) + reach.still;
+    if (apart > 1.000001 * far * far) return false;
     for (int i = 0; i < m; ++i)
         for (int j = 0; j < n; ++j) {
             const V moving = speed(v, a[i]) - speed(v, b[j]);
@@ -248,67 +302,61 @@ bool between_edges(const Surface& s, const int32_t* p, const int32_t* q, V& way)
 
 }  // namespace
 
-void find_near(const Surface& s, const float* v, const Reach& reach, const int32_t* before, const float* side, int64_t known,
-               Near& out) {
+void find_near(const NearKernels& kernels, int threads, const Surface& s, const float* v, const Reach& reach,
+               const int32_t* before, const float* side, int64_t known, Near& out) {
+    if (!s.triangles) return;
     const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
     const auto free = [&s](int32_t i) { return s.x[4 * int64_t(i) + 3] > 0; };
-    // each vertex and edge is looked at with one of its triangles, the first
-    std::vector<int32_t> vertex_of(size_t(s.vertices), -1), edge_of(size_t(s.edges), -1);
-    for (int64_t t = 0; t < s.triangles; ++t)
-        for (int k = 0; k < 3; ++k) {
-            int32_t &a = vertex_of[size_t(s.triangle[3 * t + k])], &b = edge_of[size_t(s.sides[3 * t + k])];
-            if (a < 0) a = int32_t(t);
-            if (b < 0) b = int32_t(t);
-        }
-    const Tree tree(s, v);
-    std::vector<Range> line(static_cast<size_t>(s.edges));
-    for (int64_t e = 0; e < s.edges; ++e) line[size_t(e)] = range_of(s, v, s.edge + 2 * e, 2);
-    std::vector<std::pair<int32_t, int32_t>> corner, cross;
-    const auto try_corner = [&](int32_t i, int32_t t) {
-        const int32_t* c = s.triangle + 3 * int64_t(t);
-        if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
-        if (!may_meet(range_of(s, v, &i, 1), tree.range[size_t(t)], reach)) return;
-        const V p = at(s, i);
-        if (meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) corner.push_back({i, t});
-    };
-    const auto try_cross = [&](int32_t e, int32_t f) {
-        const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
-        if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) return;
-        if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
-        V way;
-        if (!may_meet(line[size_t(e)], line[size_t(f)], reach) || !between_edges(s, p, q, way)) return;
-        if (meet(way, v, p, 2, q, 2, reach)) cross.push_back({e, f});
-    };
-    std::vector<V> normal(static_cast<size_t>(s.triangles));
-    for (int64_t t = 0; t < s.triangles; ++t) {
-        const int32_t* c = s.triangle + 3 * t;
-        const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
-        normal[size_t(t)] = (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
-    }
+    const Parts parts(s, v);
+    const Tree made(kernels, s, v, parts, kBent);
+    const NearTree& tree = made.tree;
     // triangles with a common vertex do not meet before they are bent
     const auto flat = [&](int32_t t, int32_t u) {
-        if (dot(normal[size_t(t)], normal[size_t(u)]) < kBent) return false;
+        if (dot(parts.normal[size_t(t)], parts.normal[size_t(u)]) < kBent) return false;
         const int32_t *a = s.triangle + 3 * int64_t(t), *b = s.triangle + 3 * int64_t(u);
         for (int k = 0; k < 9; ++k)
             if (one(a[k / 3], b[k % 3])) return true;
         return false;
     };
-    tree.pairs(reach, [&](int32_t t, int32_t u) {
-        if (flat(t, u)) return;
-        for (int k = 0; k < 3; ++k) {
-            const int32_t a = s.triangle[3 * int64_t(t) + k], b = s.triangle[3 * int64_t(u) + k];
-            if (vertex_of[size_t(a)] == t) try_corner(a, u);
-            if (vertex_of[size_t(b)] == u) try_corner(b, t);
-        }
-        for (int k = 0; k < 3; ++k) {
-            const int32_t e = s.sides[3 * int64_t(t) + k];
-            if (edge_of[size_t(e)] != t) continue;
-            for (int l = 0; l < 3; ++l) {
-                const int32_t f = s.sides[3 * int64_t(u) + l];
-                if (edge_of[size_t(f)] == u) try_cross(std::min(e, f), std::max(e, f));
+    using Pairs = std::vector<std::pair<int32_t, int32_t>>;
+    const auto try_corner = [&](int32_t i, int32_t t, Pairs& found) {
+        const int32_t* c = s.triangle + 3 * int64_t(t);
+        if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
+        if (flat(parts.vertex_of[size_t(i)], t)) return;
+        const V p = at(s, i);
+        if (meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) found.push_back({i, t});
+    };
+    const auto try_cross = [&](int32_t e, int32_t f, Pairs& found) {
+        const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
+        if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) return;
+        if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
+        V way;
+        if (!between_edges(s, p, q, way) || !meet(way, v, p, 2, q, 2, reach)) return;
+        if (!flat(parts.edge_of[size_t(e)], parts.edge_of[size_t(f)])) found.push_back({e, f});
+    };
+    struct Chunk {
+        Pairs corner, cross;
+    };
+    std::vector<Chunk> chunks(size_t((tree.leaves + kChunk - 1) / kChunk));
+    auto work = [&](int64_t index) {
+        Chunk& chunk = chunks[size_t(index)];
+        const std::unique_ptr<int32_t[]> corner(new int32_t[size_t(2 * near_most(tree))]), cross(new int32_t[size_t(2 * near_most(tree))]);
+        for (int64_t leaf = index * kChunk; leaf < std::min(tree.leaves, (index + 1) * kChunk); ++leaf) {
+            int64_t corners = 0, crosses = 0;
+            kernels.pairs(tree, reach, leaf, corner.get(), &corners, cross.get(), &crosses);
+            for (int64_t n = 0; n < corners; ++n) try_corner(corner[2 * n], corner[2 * n + 1], chunk.corner);
+            for (int64_t n = 0; n < crosses; ++n) {
+                const int32_t e = cross[2 * n], f = cross[2 * n + 1];
+                try_cross(std::min(e, f), std::max(e, f), chunk.cross);
             }
         }
-    });
+    };
+    share(int64_t(chunks.size()), threads, [](void* f, int64_t i) { (*static_cast<decltype(work)*>(f))(i); }, &work);
+    Pairs corner, cross;
+    for (const Chunk& chunk : chunks) {
+        corner.insert(corner.end(), chunk.corner.begin(), chunk.corner.end());
+        cross.insert(cross.end(), chunk.cross.begin(), chunk.cross.end());
+    }
     std::sort(corner.begin(), corner.end());
     std::sort(cross.begin(), cross.end());
     for (const auto& [i, t] : corner) {

@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "near_pairs.h"
+
 namespace vt {
 
 struct Surface {
@@ -24,19 +26,18 @@ struct Near {
     std::vector<int32_t> cross;   // (k, 4) ends of two edges, sorted
 };
 
-// What is near: things that are, or come, within so many metres of each other when they move straight on for a time, or as
-// far as the limit.
-struct Reach {
-    float still;   // metres
-    float time;    // seconds
-    float moving;  // metres
-    float firm;    // metres: sides of what is nearer are remembered
+// The two halves of the search that come in several instruction sets: see near_pairs.cpp.
+struct NearKernels {
+    void (*boxes)(const NearTree& tree);
+    void (*pairs)(const NearTree& tree, const Reach& reach, int64_t leaf, int32_t* corner, int64_t* corners, int32_t* cross,
+                  int64_t* crosses);
 };
 
 // Vertices and triangles without a common vertex, or one that is the `same`, that are within reach, and such edges; v
 // (n, 4) m/s. `before` (b, 2) sorted keys with their sides (b,): a pair that is among them keeps its side.
-void find_near(const Surface& surface, const float* v, const Reach& reach, const int32_t* before, const float* side,
-               int64_t known, Near& out);
+// The same for any number of threads.
+void find_near(const NearKernels& kernels, int threads, const Surface& surface, const float* v, const Reach& reach,
+               const int32_t* before, const float* side, int64_t known, Near& out);
 
 // (k, 2) edges and triangles without a common vertex that cut each other.
 void find_cuts(const Surface& surface, std::vector<int32_t>& out);

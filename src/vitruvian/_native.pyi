@@ -140,6 +140,7 @@ def near_cloth(
     limits: Single,
     before: Ints,
     side: Single,
+    threads: int = 0,
 ) -> tuple[Ints, Single, Ints, Single]:
     """Pairs (k,4), sides (c,) of the first, vertices with triangles, and keys (r,2) and sides of those to remember."""
 

@@ -1,7 +1,7 @@
 """The cloth solver: one frame after the other, each in many small steps.
 
-Source: note cloth.md, section 4; Macklin et al. (2019), "Small steps in physics simulation". Positions are float32;
-the same input gives the same bits, as one thread does the work.
+Source: note cloth.md, section 4; Macklin et al. (2019), "Small steps in physics simulation". Positions are float32; the
+same input gives the same bits: one thread moves the cloth, several may look for what is near to what.
 """
 
 from __future__ import annotations
@@ -67,6 +67,12 @@ class Cloth:
     def yielding(self) -> tuple[Floats, Floats]:
         """How much softer one pass a step makes membranes (g,2,8), weft and warp, and hinges (g,8): compliance over h^2."""
         return yielding(self.membranes, self.sheet, self.inverse_mass), _weight(self.hinges, self.inverse_mass)
+
+    @cached_property
+    def friction(self) -> tuple[Single, Single]:
+        """(n,) of each vertex with the body, and with cloth."""
+        of = self.sheet.of_vertices
+        return of("friction_body").astype(np.float32), of("friction_self").astype(np.float32)
 
     def state(self, positions: ArrayLike, velocities: ArrayLike | None = None) -> State:
         """Where it begins: (n,3) metres, and m/s."""
@@ -138,12 +144,14 @@ def step(
     pairs: Pairs | None = None,
     obstacle: Obstacle | None = None,
     wind: ArrayLike | None = None,
+    threads: int = 0,
 ) -> State:
     """The state after `dt` seconds.
 
     damping 1/s (None: the fabrics' mean); targets (k,3): where pinned vertices are at the end; pairs: what is sewn
     meanwhile; obstacle: the body in this frame; wind (3,) m/s: the air (None: there is none). Where the cloth has a
-    gap its parts do not pass through each other.
+    gap its parts do not pass through each other. threads: that look for what touches (0: chosen by size); the result is the
+    same for any number.
     """
     require(
         0 < dt <= 0.1 and 1 <= substeps <= 200, "dt, substeps", "up to 0.1 s in 1 to 200 steps", f"{dt:g}, {substeps}"
@@ -168,7 +176,7 @@ def step(
     if obstacle is not None:
         fresh = state.nearest is None or state.frame % SEEK == 0
         nearest = obstacle.nearest(state.x.astype(np.float64))[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
-    touch, known = _touching(cloth, state, x, v, dt, substeps)
+    touch, known = _touching(cloth, state, x, v, dt, substeps, threads)
     native = kernels()
     if native is None:
         from vitruvian.cloth.solver_numpy import cloth_frame
@@ -189,7 +197,7 @@ def step(
         dt, substeps, np.asarray(gravity, np.float32), damping, 0.5 * cloth.gap,
         cloth.pinned, path,
         np.zeros((0, 2), np.int32) if pairs is None else np.ascontiguousarray(pairs.vertices, np.int32), sewn,
-        *body, *limits, nearest, _friction(cloth, "friction_body"),
+        *body, *limits, nearest, cloth.friction[0],
         *touch,
     )  # fmt: skip
     if not (np.abs(x[:n, :3]) < FARTHEST).all():  # nor is it a number
@@ -252,12 +260,8 @@ def _rests(pairs: Pairs) -> Single:
     return out
 
 
-def _friction(cloth: Cloth, name: str) -> Single:
-    return cloth.sheet.of_vertices(name).astype(np.float32)
-
-
 def _touching(
-    cloth: Cloth, state: State, x: Single, v: Single, dt: float, substeps: int
+    cloth: Cloth, state: State, x: Single, v: Single, dt: float, substeps: int, threads: int
 ) -> tuple[tuple, tuple[Ints, Single]]:
     """What of the cloth is near to itself at the frame's begin, as the kernel takes it, and what to remember."""
     nothing = np.zeros(0, np.float32)
@@ -273,8 +277,8 @@ def _touching(
     n = len(state.x)
     sheet = cloth.sheet
     index, side, key, kept = near_cloth(
-        x[:n], v[:n], sheet.triangles, sheet.edges, sheet.sides, cloth.same, limits, state.near, state.side
+        x[:n], v[:n], sheet.triangles, sheet.edges, sheet.sides, cloth.same, limits, state.near, state.side, threads
     )
     gap = np.full(len(index), cloth.gap, np.float32)
-    friction = _friction(cloth, "friction_self")[index[:, 0]]
+    friction = cloth.friction[1][index[:, 0]]
     return (index, side, gap, friction, len(side)), (key, kept)

@@ -45,8 +45,9 @@ def near_cloth(
     limits: Single,
     before: Ints,
     side: Single,
+    threads: int = 0,
 ) -> tuple[Ints, Single, Ints, Single]:
-    """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h."""
+    """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h. One thread."""
     p, u = x[:, :3].astype(np.float64), v[:, :3].astype(np.float64)
     still, time, moving, firm = (float(value) for value in limits)
 
