@@ -59,13 +59,16 @@ def test_what_is_near_is_what_the_twin_finds():
     same[5] = 4
     keys, known = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
     native, limits = kernels(), np.array([0.012, 0.01, 0.015, 0.01], np.float32)
+    plan = native.near_plan(x, triangles, edges, sides)
     v = rng.normal(size=(60, 4)).astype(np.float32)
     ours, theirs = (
-        f(x, v, triangles, edges, sides, same, limits, keys, known) for f in (native.near_cloth, near_cloth)
+        f(x, v, triangles, edges, sides, same, limits, keys, known, plan) for f in (native.near_cloth, near_cloth)
     )
     assert len(ours[1]) > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
-    assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known)[0])
-    flipped = native.near_cloth(x, v, triangles, edges, sides, same, limits, ours[2], -ours[3])  # remembered sides stay
+    assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known, plan)[0])
+    flipped = native.near_cloth(
+        x, v, triangles, edges, sides, same, limits, ours[2], -ours[3], plan
+    )  # remembered sides stay
     assert np.array_equal(flipped[2], ours[2]) and np.array_equal(flipped[3], -ours[3])
     cuts = native.cloth_cuts(x, triangles, edges, same)
     assert len(cuts) > 20 and np.array_equal(cuts, cloth_cuts(x, triangles, edges, same))

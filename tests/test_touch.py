@@ -84,15 +84,19 @@ def crumpled(width: float, size: float):
     same = np.arange(len(x), dtype=np.int32)
     limits = np.array([0.0044, 0.025, 0.04, 0.003], np.float32)
     none = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
-    return sheet, (rows, speed, sheet.triangles, sheet.edges, sheet.sides, same, limits, *none)
+    plan = kernels().near_plan(rows, sheet.triangles, sheet.edges, sheet.sides)
+    return sheet, (rows, speed, sheet.triangles, sheet.edges, sheet.sides, same, limits, *none, plan)
 
 
 def test_nothing_that_is_near_is_missed():
     """Everything against everything finds the same, also in folds and where the cloth moves."""
     from vitruvian.cloth.touch_numpy import near_cloth
 
-    _, arguments = crumpled(0.2, 0.014)
+    sheet, arguments = crumpled(0.2, 0.014)
+    flat = np.column_stack([sheet.material[:, 0], np.zeros((len(sheet.triangles), 2))]).astype(np.float32)
+    other = kernels().near_plan(flat[np.resize(np.arange(len(flat)), sheet.count)], *arguments[2:5])  # a bad one
     ours, theirs = kernels().near_cloth(*arguments), near_cloth(*arguments)
+    assert all(np.array_equal(a, b) for a, b in zip(ours, kernels().near_cloth(*arguments[:-1], other)))
     assert len(ours[1]) > 500 and len(ours[0]) - len(ours[1]) > 100
     assert all(np.array_equal(a, b) for a, b in zip(ours, theirs))
 

@@ -72,16 +72,47 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
             int64_t(edge.shape(0)), nullptr, same.data()};
 }
 
+// See vt::NearPlan, whose arrays these are.
+nb::tuple near_plan(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge, Array<int32_t, 2> sides) {
+    check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
+    check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
+    vt::NearOrder out;
+    {
+        nb::gil_scoped_release release;
+        out = vt::order_near({x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
+                              int64_t(edge.shape(0)), sides.data(), nullptr});
+    }
+    const auto give = [](std::vector<int32_t>& values) {
+        const size_t count = values.size();
+        return lasting(std::move(values), {count});
+    };
+    return nb::make_tuple(give(out.order), give(out.vertex_first), give(out.edge_first), give(out.vertex), give(out.edge),
+                          give(out.vertex_of), give(out.edge_of));
+}
+
 // Pairs (k,4), first those of vertices and triangles, of which there are c, with their sides (c,), then those of edges;
 // keys (r,2) and sides (r,) of those to be remembered. limits: the four of vt::Reach.
 nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
                      Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side,
-                     int threads) {
+                     nb::tuple plan, int threads) {
     vt::Surface s = surface(x, triangle, edge, same);
     check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
     s.sides = sides.data();
     check(v.shape(0) == x.shape(0) && v.shape(1) == 4, "velocities do not fit");
     check(limits.shape(0) == 4 && before.shape(1) == 2 && side.shape(0) == before.shape(0), "what is known does not fit");
+    check(plan.size() == 7, "the plan does not fit");
+    using Rows = Array<int32_t, 1>;
+    const Rows order = nb::cast<Rows>(plan[0]), vertex_first = nb::cast<Rows>(plan[1]), edge_first = nb::cast<Rows>(plan[2]);
+    const Rows vertex = nb::cast<Rows>(plan[3]), edges = nb::cast<Rows>(plan[4]);
+    const Rows vertex_of = nb::cast<Rows>(plan[5]), edge_of = nb::cast<Rows>(plan[6]);
+    const size_t leaves = (triangle.shape(0) + 7) / 8;
+    check(order.shape(0) == triangle.shape(0) && vertex_of.shape(0) == x.shape(0) && edge_of.shape(0) == edge.shape(0) &&
+              vertex_first.shape(0) == leaves + 1 && edge_first.shape(0) == leaves + 1 &&
+              int64_t(vertex.shape(0)) == 8 * int64_t(vertex_first.data()[leaves]) &&
+              int64_t(edges.shape(0)) == 8 * int64_t(edge_first.data()[leaves]),
+          "the plan does not fit");
+    const vt::NearPlan by{order.data(), vertex_first.data(), edge_first.data(), vertex.data(), edges.data(),
+                          vertex_of.data(), edge_of.data()};
     const float* l = limits.data();
     vt::Near out;
     {
@@ -92,7 +123,7 @@ nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> tri
 #endif
         // looking for what is near is most of a frame: helpers pay earlier than elsewhere
         const int many = threads > 0 || s.triangles < 4000 ? vt::threads_for(0, threads) : vt::threads_for(1 << 20, 0);
-        vt::find_near(kernels, many, s, v.data(), {l[0], l[1], l[2], l[3]}, before.data(), side.data(),
+        vt::find_near(kernels, many, s, v.data(), by, {l[0], l[1], l[2], l[3]}, before.data(), side.data(),
                       int64_t(before.shape(0)), out);
         out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
     }
@@ -117,8 +148,9 @@ nb::ndarray<nb::numpy, int32_t> cloth_cuts(Array<float, 2> x, Array<int32_t, 2> 
 
 void bind_cloth(nb::module_& m) {
     m.def("cloth_frame", &cloth_frame);
+    m.def("near_plan", &near_plan);
     m.def("near_cloth", &near_cloth, nb::arg("x"), nb::arg("v"), nb::arg("triangles"), nb::arg("edges"), nb::arg("sides"), nb::arg("same"), nb::arg("limits"), nb::arg("before"),
-          nb::arg("side"), nb::arg("threads") = 0);
+          nb::arg("side"), nb::arg("plan"), nb::arg("threads") = 0);
     m.def("cloth_cuts", &cloth_cuts);
 }
 

@@ -130,50 +130,37 @@ Range range_of(const Surface& s, const float* v, const int32_t* index, int count
     return r;
 }
 
-// Every third bit of it.
-uint64_t spread(uint64_t x) {
-    x = (x | x << 16) & 0x030000ff0000ffull, x = (x | x << 8) & 0x0300f00f00f00full;
-    x = (x | x << 4) & 0x030c30c30c30c3ull, x = (x | x << 2) & 0x09249249249249ull;
-    return x;
-}
-
-// Triangles in the order of a curve that keeps near what is near (Morton 1966).
-std::vector<int32_t> along_curve(const std::vector<Range>& range) {
-    Range whole = Range::none();
-    for (const Range& r : range) whole.add(r);
-    float size = 1e-9f;
-    for (int j = 0; j < 3; ++j) size = std::max(size, whole.high[j] - whole.low[j]);
-    const size_t n = range.size();
-    std::vector<uint64_t> key(n), other(n);
-    for (size_t t = 0; t < n; ++t) {
-        uint64_t code = 0;
+// Halves triangles along the longer side of where their middles are, until eight are left; the first half fills its leaves.
+void halve(const std::vector<float>& middle, int32_t* begin, int32_t* end) {
+    const int64_t count = end - begin;
+    if (count <= 8) return;
+    float low[3] = {3e38f, 3e38f, 3e38f}, high[3] = {-3e38f, -3e38f, -3e38f};
+    for (const int32_t* t = begin; t < end; ++t)
         for (int j = 0; j < 3; ++j) {
-            const float at = (0.5f * (range[t].low[j] + range[t].high[j]) - whole.low[j]) / size;
-            code |= spread(uint64_t(at > 0 ? std::min(at * 2048.0f, 2047.0f) : 0.0f)) << j;
+            const float x = middle[size_t(3 * int64_t(*t) + j)];
+            low[j] = std::min(low[j], x), high[j] = std::max(high[j], x);
         }
-        key[t] = code << 31 | t;
-    }
-    for (int shift = 31; shift < 64; shift += 11) {
-        uint32_t start[2049] = {0};
-        for (uint64_t k : key) ++start[(k >> shift & 2047) + 1];
-        for (int i = 0; i < 2048; ++i) start[i + 1] += start[i];
-        for (uint64_t k : key) other[start[k >> shift & 2047]++] = k;
-        key.swap(other);
-    }
-    std::vector<int32_t> order(n);
-    for (size_t t = 0; t < n; ++t) order[t] = int32_t(key[t] & 0x7fffffff);
-    return order;
+    int axis = 0;
+    for (int j = 1; j < 3; ++j)
+        if (high[j] - low[j] > high[axis] - low[axis]) axis = j;
+    int64_t half = 8;
+    while (2 * half < count) half *= 2;
+    if (half >= count) half = count / 2;
+    int32_t* const at = begin + half;
+    std::nth_element(begin, at, end, [&](int32_t a, int32_t b) {
+        const float x = middle[size_t(3 * int64_t(a) + axis)], y = middle[size_t(3 * int64_t(b) + axis)];
+        return x < y || (x == y && a < b);
+    });
+    halve(middle, begin, at), halve(middle, at, end);
 }
 
-// Puts something and the triangle that stands for it into a lane.
-void put(NearBlock& block, size_t lane, int32_t item, const Range& range, const V& normal, const Surface& s, int32_t t) {
+// Puts something into a lane.
+void put(NearBlock& block, size_t lane, int32_t item, const Range& range) {
     block.item[lane] = item;
     for (int j = 0; j < 3; ++j) {
         block.box.value[j][lane] = range.low[j], block.box.value[3 + j][lane] = range.high[j];
         block.box.value[6 + j][lane] = range.slow[j], block.box.value[9 + j][lane] = range.fast[j];
-        block.same[j][lane] = s.same[s.triangle[3 * int64_t(t) + j]];
     }
-    block.normal[0][lane] = float(normal.x), block.normal[1][lane] = float(normal.y), block.normal[2][lane] = float(normal.z);
 }
 
 NearBlock nothing() {
@@ -188,78 +175,76 @@ NearBlock nothing() {
     return out;
 }
 
-// Of a surface: the first triangle that each vertex and each edge is part of, with which it is looked at; ranges, normals.
-struct Parts {
-    Parts(const Surface& s, const float* v)
-        : vertex_of(size_t(s.vertices), -1), edge_of(size_t(s.edges), -1), range(size_t(s.triangles)), normal(size_t(s.triangles)) {
-        for (int64_t t = 0; t < s.triangles; ++t) {
-            const int32_t* c = s.triangle + 3 * t;
-            for (int k = 0; k < 3; ++k) {
-                int32_t &a = vertex_of[size_t(c[k])], &b = edge_of[size_t(s.sides[3 * t + k])];
-                if (a < 0) a = int32_t(t);
-                if (b < 0) b = int32_t(t);
-            }
-            range[size_t(t)] = range_of(s, v, c, 3);
-            const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
-            normal[size_t(t)] = (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
-        }
-    }
-    std::vector<int32_t> vertex_of, edge_of;
-    std::vector<Range> range;
-    std::vector<V> normal;
-};
+V upright(const Surface& s, int32_t t) {
+    const int32_t* c = s.triangle + 3 * int64_t(t);
+    const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
+    return (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
+}
 
-// The tree of near_pairs.h.
+// Calls f(i) for i below count on some threads.
+template <class F>
+void each(int64_t count, int threads, F f) {
+    share(count, threads, [](void* g, int64_t i) { (*static_cast<F*>(g))(i); }, &f);
+}
+
+constexpr int64_t kChunk = 32;  // leaves that one thread looks at in one go
+
+// The tree of near_pairs.h, as it is now.
 struct Tree {
-    Tree(const NearKernels& kernels, const Surface& s, const float* v, const Parts& parts, double bent) {
-        const std::vector<int32_t> order = along_curve(parts.range);
+    Tree(const NearKernels& kernels, int threads, const Surface& s, const float* v, const NearPlan& plan, double bent) {
         const int64_t n = s.triangles, leaves = (n + 7) / 8;
+        const size_t vertices = size_t(plan.vertex_first[leaves]), edges = size_t(plan.edge_first[leaves]);
+        triangle.reset(new NearBlock[size_t(leaves)]), vertex.reset(new NearBlock[vertices]), edge.reset(new NearBlock[edges]);
         const NearBlock none = nothing();
-        triangle.assign(size_t(leaves), none);
-        vertex.reserve(size_t(leaves)), edge.reserve(size_t(2 * leaves));
-        for (int64_t leaf = 0; leaf < leaves; ++leaf) {
-            vertex_first.push_back(int32_t(vertex.size())), edge_first.push_back(int32_t(edge.size()));
-            size_t vertices = 0, edges = 0;
-            for (int64_t k = 8 * leaf; k < std::min(n, 8 * leaf + 8); ++k) {
-                const int32_t t = order[size_t(k)];
-                const V& up = parts.normal[size_t(t)];
-                put(triangle[size_t(leaf)], size_t(k % 8), t, parts.range[size_t(t)], up, s, t);
-                for (int c = 0; c < 3; ++c) {
-                    const int32_t i = s.triangle[3 * int64_t(t) + c], e = s.sides[3 * int64_t(t) + c];
-                    if (parts.vertex_of[size_t(i)] == t) {
-                        if (vertices % 8 == 0) vertex.push_back(none);
-                        put(vertex.back(), vertices++ % 8, i, range_of(s, v, &i, 1), up, s, t);
-                    }
-                    if (parts.edge_of[size_t(e)] == t) {
-                        if (edges % 8 == 0) edge.push_back(none);
-                        put(edge.back(), edges++ % 8, e, range_of(s, v, s.edge + 2 * int64_t(e), 2), up, s, t);
-                    }
+        each((leaves + kChunk - 1) / kChunk, threads, [&](int64_t chunk) {
+            for (int64_t leaf = kChunk * chunk; leaf < std::min(leaves, kChunk * (chunk + 1)); ++leaf) {
+                NearBlock& own = triangle[size_t(leaf)] = none;
+                for (int64_t k = 8 * leaf; k < std::min(n, 8 * leaf + 8); ++k) {
+                    const int32_t t = plan.order[k];
+                    const size_t lane = size_t(k % 8);
+                    put(own, lane, t, range_of(s, v, s.triangle + 3 * int64_t(t), 3));
+                    for (int j = 0; j < 3; ++j) own.same[j][lane] = s.same[s.triangle[3 * int64_t(t) + j]];
+                    const V normal = upright(s, t);
+                    own.normal[0][lane] = float(normal.x), own.normal[1][lane] = float(normal.y);
+                    own.normal[2][lane] = float(normal.z);
                 }
+                const auto fill = [&](NearBlock& block, const int32_t* item, const int32_t* of, const int32_t* index, int width) {
+                    block = none;
+                    for (size_t lane = 0; lane < 8 && item[lane] >= 0; ++lane) {
+                        const int32_t i = item[lane];
+                        put(block, lane, i, range_of(s, v, index ? index + width * int64_t(i) : &i, width));
+                        size_t k = 0;  // where its triangle is among the leaf's
+                        while (k < 7 && own.item[k] != of[i]) ++k;
+                        for (int j = 0; j < 3; ++j)
+                            block.same[j][lane] = own.same[j][k], block.normal[j][lane] = own.normal[j][k];
+                    }
+                };
+                for (int32_t b = plan.vertex_first[leaf]; b < plan.vertex_first[leaf + 1]; ++b)
+                    fill(vertex[size_t(b)], plan.vertex + 8 * int64_t(b), plan.vertex_of, nullptr, 1);
+                for (int32_t b = plan.edge_first[leaf]; b < plan.edge_first[leaf + 1]; ++b)
+                    fill(edge[size_t(b)], plan.edge + 8 * int64_t(b), plan.edge_of, s.edge, 2);
             }
-        }
-        vertex_first.push_back(int32_t(vertex.size())), edge_first.push_back(int32_t(edge.size()));
+        });
         int64_t before = 0;
         for (int64_t blocks = leaves; blocks > 1 || first.empty();) {
             blocks = (blocks + 7) / 8;
             first.push_back(before), before += blocks;
         }
         upper.assign(size_t(before), none.box);
-        tree = {leaves, triangle.data(), vertex.data(), edge.data(), vertex_first.data(), edge_first.data(),
+        tree = {leaves, triangle.get(), vertex.get(), edge.get(), plan.vertex_first, plan.edge_first,
                 int(first.size()), first.data(), upper.data(), float(bent)};
         kernels.boxes(tree);
     }
     NearTree tree;
 
 private:
-    std::vector<NearBlock> triangle, vertex, edge;
-    std::vector<int32_t> vertex_first, edge_first;
+    std::unique_ptr<NearBlock[]> triangle, vertex, edge;
     std::vector<int64_t> first;
     std::vector<NearBoxes> upper;
 };
 
 V speed(const float* v, int32_t i) { return {v[4 * int64_t(i)], v[4 * int64_t(i) + 1], v[4 * int64_t(i) + 2]}; }
 
-constexpr int64_t kChunk = 32;  // leaves that one thread looks at in one go
 constexpr double kBent = 0.5;  // cosine of the angle between neighbours that may touch in the coming frame
 
 // Whether two of them that are `way` apart may meet before the frame ends, each pair of vertices moving straight on.
@@ -302,17 +287,45 @@ bool between_edges(const Surface& s, const int32_t* p, const int32_t* q, V& way)
 
 }  // namespace
 
-void find_near(const NearKernels& kernels, int threads, const Surface& s, const float* v, const Reach& reach,
-               const int32_t* before, const float* side, int64_t known, Near& out) {
+NearOrder order_near(const Surface& s) {
+    NearOrder out;
+    std::vector<float> middle(size_t(3 * s.triangles));
+    out.order.resize(size_t(s.triangles)), out.vertex_of.assign(size_t(s.vertices), -1), out.edge_of.assign(size_t(s.edges), -1);
+    for (int64_t t = 0; t < s.triangles; ++t) {
+        out.order[size_t(t)] = int32_t(t);
+        const int32_t* c = s.triangle + 3 * t;
+        for (int j = 0; j < 3; ++j) {
+            middle[size_t(3 * t + j)] = s.x[4 * int64_t(c[0]) + j] + s.x[4 * int64_t(c[1]) + j] + s.x[4 * int64_t(c[2]) + j];
+            int32_t &a = out.vertex_of[size_t(c[j])], &b = out.edge_of[size_t(s.sides[3 * t + j])];
+            if (a < 0) a = int32_t(t);
+            if (b < 0) b = int32_t(t);
+        }
+    }
+    halve(middle, out.order.data(), out.order.data() + s.triangles);
+    for (int64_t leaf = 0; leaf < (s.triangles + 7) / 8; ++leaf) {
+        out.vertex_first.push_back(int32_t(out.vertex.size() / 8)), out.edge_first.push_back(int32_t(out.edge.size() / 8));
+        for (int64_t k = 8 * leaf; k < std::min(s.triangles, 8 * leaf + 8); ++k)
+            for (int j = 0; j < 3; ++j) {
+                const int32_t t = out.order[size_t(k)], i = s.triangle[3 * int64_t(t) + j], e = s.sides[3 * int64_t(t) + j];
+                if (out.vertex_of[size_t(i)] == t) out.vertex.push_back(i);
+                if (out.edge_of[size_t(e)] == t) out.edge.push_back(e);
+            }
+        out.vertex.resize((out.vertex.size() + 7) / 8 * 8, -1), out.edge.resize((out.edge.size() + 7) / 8 * 8, -1);
+    }
+    out.vertex_first.push_back(int32_t(out.vertex.size() / 8)), out.edge_first.push_back(int32_t(out.edge.size() / 8));
+    return out;
+}
+
+void find_near(const NearKernels& kernels, int threads, const Surface& s, const float* v, const NearPlan& plan,
+               const Reach& reach, const int32_t* before, const float* side, int64_t known, Near& out) {
     if (!s.triangles) return;
     const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
     const auto free = [&s](int32_t i) { return s.x[4 * int64_t(i) + 3] > 0; };
-    const Parts parts(s, v);
-    const Tree made(kernels, s, v, parts, kBent);
+    const Tree made(kernels, threads, s, v, plan, kBent);
     const NearTree& tree = made.tree;
     // triangles with a common vertex do not meet before they are bent
     const auto flat = [&](int32_t t, int32_t u) {
-        if (dot(parts.normal[size_t(t)], parts.normal[size_t(u)]) < kBent) return false;
+        if (dot(upright(s, t), upright(s, u)) < kBent) return false;
         const int32_t *a = s.triangle + 3 * int64_t(t), *b = s.triangle + 3 * int64_t(u);
         for (int k = 0; k < 9; ++k)
             if (one(a[k / 3], b[k % 3])) return true;
@@ -322,9 +335,9 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
     const auto try_corner = [&](int32_t i, int32_t t, Pairs& found) {
         const int32_t* c = s.triangle + 3 * int64_t(t);
         if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
-        if (flat(parts.vertex_of[size_t(i)], t)) return;
         const V p = at(s, i);
-        if (meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) found.push_back({i, t});
+        if (!meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) return;
+        if (!flat(plan.vertex_of[i], t)) found.push_back({i, t});
     };
     const auto try_cross = [&](int32_t e, int32_t f, Pairs& found) {
         const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
@@ -332,13 +345,13 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
         if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
         V way;
         if (!between_edges(s, p, q, way) || !meet(way, v, p, 2, q, 2, reach)) return;
-        if (!flat(parts.edge_of[size_t(e)], parts.edge_of[size_t(f)])) found.push_back({e, f});
+        if (!flat(plan.edge_of[e], plan.edge_of[f])) found.push_back({e, f});
     };
     struct Chunk {
         Pairs corner, cross;
     };
     std::vector<Chunk> chunks(size_t((tree.leaves + kChunk - 1) / kChunk));
-    auto work = [&](int64_t index) {
+    const auto work = [&](int64_t index) {
         Chunk& chunk = chunks[size_t(index)];
         const std::unique_ptr<int32_t[]> corner(new int32_t[size_t(2 * near_most(tree))]), cross(new int32_t[size_t(2 * near_most(tree))]);
         for (int64_t leaf = index * kChunk; leaf < std::min(tree.leaves, (index + 1) * kChunk); ++leaf) {
@@ -351,7 +364,7 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
             }
         }
     };
-    share(int64_t(chunks.size()), threads, [](void* f, int64_t i) { (*static_cast<decltype(work)*>(f))(i); }, &work);
+    each(int64_t(chunks.size()), threads, work);
     Pairs corner, cross;
     for (const Chunk& chunk : chunks) {
         corner.insert(corner.end(), chunk.corner.begin(), chunk.corner.end());

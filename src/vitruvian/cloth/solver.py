@@ -24,6 +24,7 @@ FRAME, SUBSTEPS = 1 / 60, 20
 GRAVITY = (0.0, -9.81, 0.0)
 AIR, DRAG = 1.2, 1.2  # kg/m3, and the drag coefficient of a plate across the wind
 SEEK = 10  # frames after which the triangles of the body that are nearest are looked for anew
+PLAN = 30  # frames after which it is ordered anew by what is near to what
 FIRM = 1.5  # gaps: what was so near is on the side where it was, whatever a frame makes of it
 HURRY, SUDDEN = 1.5, 4.9  # what is near may be so much faster in the coming frame, and m/s^2 that set it moving
 BENDS, SLOW = (4, 2), 8.0  # hinges are worked off in one of so many steps, if they are so many times softer than a step
@@ -84,7 +85,8 @@ class Cloth:
 @dataclass(frozen=True, eq=False)
 class State:
     """x (n,3) metres and v (n,3) m/s after `frame` frames. nearest (n,): the body's triangle that each vertex was nearest
-    to, or none yet; near (c,2) and side (c,): vertices and triangles that were near, and on which side."""
+    to, or none yet; near (c,2) and side (c,): vertices and triangles that were near, and on which side; plan: in what order
+    the kernel looks for what is near."""
 
     x: Single
     v: Single
@@ -93,6 +95,7 @@ class State:
     near: Ints = field(default_factory=lambda: NONE)
     side: Single = field(default_factory=lambda: np.zeros(0, np.float32))
     drive: tuple[Single, Single] | None = None
+    plan: tuple[Ints, ...] | None = None
 
     @property
     def speed(self) -> float:
@@ -176,7 +179,7 @@ def step(
     if obstacle is not None:
         fresh = state.nearest is None or state.frame % SEEK == 0
         nearest = obstacle.nearest(state.x.astype(np.float64))[1] if fresh else state.nearest.copy()  # type: ignore[union-attr]
-    touch, known = _touching(cloth, state, x, v, dt, substeps, threads)
+    touch, known, plan = _touching(cloth, state, x, v, dt, substeps, threads)
     native = kernels()
     if native is None:
         from vitruvian.cloth.solver_numpy import cloth_frame
@@ -207,7 +210,9 @@ def step(
         )
     near, side = known
     seen = nearest if obstacle is not None else state.nearest
-    return State(x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch))
+    return State(
+        x[:n, :3].copy(), v[:n, :3].copy(), state.frame + 1, seen, near, side, (d[:n, :3].copy(), stretch), plan
+    )
 
 
 def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) -> int:
@@ -262,23 +267,25 @@ def _rests(pairs: Pairs) -> Single:
 
 def _touching(
     cloth: Cloth, state: State, x: Single, v: Single, dt: float, substeps: int, threads: int
-) -> tuple[tuple, tuple[Ints, Single]]:
+) -> tuple[tuple, tuple[Ints, Single], tuple[Ints, ...] | None]:
     """What of the cloth is near to itself at the frame's begin, as the kernel takes it, and what to remember."""
     nothing = np.zeros(0, np.float32)
     if not cloth.gap:
-        return (np.zeros((0, 4), np.int32), nothing, nothing, nothing, 0), (NONE, nothing)
+        return (np.zeros((0, 4), np.int32), nothing, nothing, nothing, 0), (NONE, nothing), None
     native = kernels()
     firm = FIRM * cloth.gap
     limits = np.array([firm + SUDDEN * dt * dt, HURRY * dt, cloth.gap * substeps, firm], np.float32)
     if native is None:
-        from vitruvian.cloth.touch_numpy import near_cloth
+        from vitruvian.cloth.touch_numpy import near_cloth, near_plan
     else:
-        near_cloth = native.near_cloth
-    n = len(state.x)
-    sheet = cloth.sheet
+        near_cloth, near_plan = native.near_cloth, native.near_plan
+    n, sheet, plan = len(state.x), cloth.sheet, state.plan
+    surface = sheet.triangles, sheet.edges, sheet.sides
+    if plan is None or state.frame % PLAN == 0:
+        plan = near_plan(x[:n], *surface)
     index, side, key, kept = near_cloth(
-        x[:n], v[:n], sheet.triangles, sheet.edges, sheet.sides, cloth.same, limits, state.near, state.side, threads
+        x[:n], v[:n], *surface, cloth.same, limits, state.near, state.side, plan, threads
     )
     gap = np.full(len(index), cloth.gap, np.float32)
     friction = cloth.friction[1][index[:, 0]]
-    return (index, side, gap, friction, len(side)), (key, kept)
+    return (index, side, gap, friction, len(side)), (key, kept), plan
