@@ -331,13 +331,31 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
             if (one(a[k / 3], b[k % 3])) return true;
         return false;
     };
-    using Pairs = std::vector<std::pair<int32_t, int32_t>>;
+    struct Pair {
+        int32_t a, b;
+        float side;  // of a vertex and a triangle
+        bool firm;
+        bool operator<(const Pair& other) const { return a != other.a ? a < other.a : b < other.b; }
+    };
+    using Pairs = std::vector<Pair>;
+    const auto side_of = [&](int32_t i, int32_t t, double above) {
+        int64_t low = 0, high = known;  // the same pair in the frame before
+        while (low < high) {
+            const int64_t middle = (low + high) / 2;
+            const int32_t* k = before + 2 * middle;
+            if (k[0] < i || (k[0] == i && k[1] < t)) low = middle + 1;
+            else high = middle;
+        }
+        if (low < known && before[2 * low] == i && before[2 * low + 1] == t) return side[low];
+        return above < 0 ? -1.0f : 1.0f;
+    };
     const auto try_corner = [&](int32_t i, int32_t t, Pairs& found) {
         const int32_t* c = s.triangle + 3 * int64_t(t);
         if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
-        const V p = at(s, i);
-        if (!meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) return;
-        if (!flat(plan.vertex_of[i], t)) found.push_back({i, t});
+        const V p = at(s, i), a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
+        if (!meet(way, v, &i, 1, c, 3, reach) || flat(plan.vertex_of[i], t)) return;
+        found.push_back({i, t, side_of(i, t, dot(p - a, cross_product(b - a, d - a))),
+                         dot(way, way) <= double(reach.firm) * reach.firm});
     };
     const auto try_cross = [&](int32_t e, int32_t f, Pairs& found) {
         const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
@@ -345,7 +363,7 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
         if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
         V way;
         if (!between_edges(s, p, q, way) || !meet(way, v, p, 2, q, 2, reach)) return;
-        if (!flat(plan.edge_of[e], plan.edge_of[f])) found.push_back({e, f});
+        if (!flat(plan.edge_of[e], plan.edge_of[f])) found.push_back({e, f, 0.0f, false});
     };
     struct Chunk {
         Pairs corner, cross;
@@ -372,26 +390,18 @@ void find_near(const NearKernels& kernels, int threads, const Surface& s, const 
     }
     std::sort(corner.begin(), corner.end());
     std::sort(cross.begin(), cross.end());
-    for (const auto& [i, t] : corner) {
-        const int32_t* c = s.triangle + 3 * int64_t(t);
-        const V p = at(s, i), a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
-        float which = dot(p - a, cross_product(b - a, d - a)) < 0 ? -1.0f : 1.0f;
-        int64_t low = 0, high = known;  // the same pair in the frame before
-        while (low < high) {
-            const int64_t middle = (low + high) / 2;
-            const int32_t* k = before + 2 * middle;
-            if (k[0] < i || (k[0] == i && k[1] < t)) low = middle + 1;
-            else high = middle;
-        }
-        if (low < known && before[2 * low] == i && before[2 * low + 1] == t) which = side[low];
-        out.corner.insert(out.corner.end(), {i, c[0], c[1], c[2]});
-        out.side.push_back(which);
-        if (dot(way, way) > double(reach.firm) * reach.firm) continue;
-        out.key.insert(out.key.end(), {i, t});
-        out.key_side.push_back(which);
+    out.corner.reserve(4 * (corner.size() + cross.size()));  // edges come behind them
+    out.side.reserve(corner.size()), out.cross.reserve(4 * cross.size());
+    for (const Pair& found : corner) {
+        const int32_t* c = s.triangle + 3 * int64_t(found.b);
+        out.corner.insert(out.corner.end(), {found.a, c[0], c[1], c[2]});
+        out.side.push_back(found.side);
+        if (!found.firm) continue;
+        out.key.insert(out.key.end(), {found.a, found.b});
+        out.key_side.push_back(found.side);
     }
-    for (const auto& [e, f] : cross) {
-        const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
+    for (const Pair& found : cross) {
+        const int32_t *p = s.edge + 2 * int64_t(found.a), *q = s.edge + 2 * int64_t(found.b);
         out.cross.insert(out.cross.end(), {p[0], p[1], q[0], q[1]});
     }
 }
