@@ -20,17 +20,19 @@ auto lasting(std::vector<T>&& values, std::initializer_list<size_t> shape) {
 // Advances x (n+1,4) and v (n+1,4) by one frame, in place.
 void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Output<float, 3> membrane_force,
                  int bends, float carry, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
-                 Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> tether,
-                 Array<float, 3> tether_rest, double dt, int substeps, Array<float, 1> gravity, float damping,
-                 float limit, Array<int32_t, 1> pin, Array<float, 2> pin_path, Array<int32_t, 2> pair,
-                 Array<float, 2> pair_rest, Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour,
-                 Array<float, 2> before, Array<float, 2> after, float offset, float most, float reach,
+                 Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> shape,
+                 Array<float, 3> shape_rest, Array<int32_t, 3> tether, Array<float, 3> tether_rest, double dt,
+                 int substeps, Array<float, 1> gravity, float damping, float limit, Array<int32_t, 1> pin,
+                 Array<float, 2> pin_path, Array<int32_t, 2> pair, Array<float, 2> pair_rest,
+                 Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour, Array<float, 2> before,
+                 Array<float, 2> after, float offset, float most, float reach,
                  Output<int32_t, 1> nearest, Array<float, 1> friction, Array<int32_t, 2> near, Array<float, 1> side,
                  Array<float, 1> gap, Array<float, 1> rub, int64_t corners) {
     const int64_t n = int64_t(x.shape(0)) - 1;
     check(n >= 0 && x.shape(1) == 4 && v.shape(0) == x.shape(0) && v.shape(1) == 4, "positions do not fit");
     check(int64_t(nearest.shape(0)) == n && int64_t(friction.shape(0)) == n, "vertices do not fit");
     check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
+    check(shape.shape(0) == shape_rest.shape(0), "constraints do not fit");
     check(d.shape(0) == x.shape(0) && d.shape(1) == 4, "multipliers do not fit");
     check(membrane_force.shape(0) == membrane.shape(0), "multipliers do not fit");
     const int64_t contacts = int64_t(near.shape(0));
@@ -39,6 +41,7 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Out
     check(substeps > 0 && bends > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
     const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
                                    int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
+                                   int64_t(shape.shape(0)), shape.data(), shape_rest.data(),
                                    int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
     std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 19]);
     const float* g = gravity.data();

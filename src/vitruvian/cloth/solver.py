@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vitruvian.body.types import Floats, Ints, floats, indices, require
-from vitruvian.cloth.constraints import LEAST, Groups, grouped, hinges, membranes, stiffened, yielding
+from vitruvian.cloth.constraints import LEAST, Groups, grouped, hinges, membranes, shapes, stiffened, yielding
 from vitruvian.cloth.obstacle import Obstacle
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.errors import VitruvianError
@@ -46,28 +46,44 @@ class Cloth:
     inverse_mass: Single
     membranes: Groups
     hinges: Groups
+    shapes: Groups
     tethers: Groups
     pinned: Ints
     same: Ints
     gap: float = 0.0
-    kept: dict[float, tuple[Single, Single, int]] = field(default_factory=dict)  # what `tuned` has worked out
+    kept: dict[float, tuple[Single, Single, Single, int]] = field(default_factory=dict)  # what `tuned` has worked out
 
-    def tuned(self, h: float) -> tuple[Single, Single, int]:
-        """Coefficients of membranes and hinges for steps of h seconds; hinges are worked off in one of so many steps."""
+    def tuned(self, h: float) -> tuple[Single, Single, Single, int]:
+        """Coefficients of membranes, hinges and shapes for steps of h seconds; what bends is worked off in one of so many
+        steps."""
         if h not in self.kept:
-            membrane = stiffened(self.membranes, self.yielding[0] * (1 - CARRY) * h * h)
-            bend, rest = self.yielding[1] * h * h, self.hinges.rest
-            slow = float(np.quantile(rest[:, 4] / bend, 0.02)) if len(rest) else 1.0
+            membrane = stiffened(self.membranes, self.yielding * (1 - CARRY) * h * h)
+            soft = [(1.0 / y) / (h * h) for y in self.bending]
+            slow = float(np.quantile(np.concatenate([v.ravel() for v in soft]), 0.02)) if any(map(len, soft)) else 1.0
             bends = next((m for m in BENDS if slow > SLOW * m), 1)
-            hinge = rest.copy()
-            hinge[:, 4] = np.maximum(rest[:, 4] - 0.5 * bends * bend, 0.05 * rest[:, 4])
-            self.kept[h] = membrane, hinge, bends
+            rests = []
+            for groups, y in zip((self.hinges, self.shapes), self.bending):
+                rest = groups.rest.copy()
+                rest[:, -1] *= np.maximum(1 - 0.5 * bends * h * h * y, 0.05)
+                rests.append(rest)
+            self.kept[h] = membrane, rests[0], rests[1], bends
         return self.kept[h]
 
     @cached_property
-    def yielding(self) -> tuple[Floats, Floats]:
-        """How much softer one pass a step makes membranes (g,2,8), weft and warp, and hinges (g,8): compliance over h^2."""
-        return yielding(self.membranes, self.sheet, self.inverse_mass), _weight(self.hinges, self.inverse_mass)
+    def yielding(self) -> Floats:
+        """How much softer one pass a step makes membranes (g,2,8), weft and warp: compliance over h^2."""
+        return yielding(self.membranes, self.sheet, self.inverse_mass)
+
+    @cached_property
+    def bending(self) -> tuple[Floats, Floats]:
+        """The same of hinges and shapes, (g,8) each, over their compliance: 1/s^2."""
+        w = np.append(self.inverse_mass, 0.0).astype(np.float64)
+        out = []
+        for groups, sums, own in ((self.hinges, 1, 4), (self.shapes, 3, 6)):
+            factor = groups.rest[:, :-1].astype(np.float64).reshape(-1, sums, own, 8)
+            weight = np.mean(np.sum(w[groups.index][:, None] * factor**2, axis=2), axis=1)
+            out.append(np.maximum(weight, 1e-30) / groups.rest[:, -1])
+        return out[0], out[1]
 
     @cached_property
     def friction(self) -> tuple[Single, Single]:
@@ -114,9 +130,20 @@ class Pairs:
 
 
 def assemble(
-    sheet: Sheet, *, pinned: ArrayLike | None = None, gap: float = 0.0, same: ArrayLike | None = None
+    sheet: Sheet,
+    *,
+    pinned: ArrayLike | None = None,
+    gap: float = 0.0,
+    same: ArrayLike | None = None,
+    bend: str | None = None,
 ) -> Cloth:
-    """Constraints of a sheet; `pinned` (k,) vertices are held, or moved by `targets` of `step`. See `Cloth`."""
+    """Constraints of a sheet; `pinned` (k,) vertices are held, or moved by `targets` of `step`. See `Cloth`.
+
+    bend: "hinge", stiff against folding at each edge, which is quick, or "shape", against the curvature of each triangle,
+    which tells weft from warp (note cloth.md, 4.3). None: as the fabrics say.
+    """
+    require(bend in (None, "hinge", "shape"), "bend", "hinge, shape or None", bend)
+    by_shape = bend == "shape" or (bend is None and any(f.bends_by == "shape" for f in sheet.fabrics))
     held = np.zeros(0, np.int32) if pinned is None else indices(pinned, "pinned", sheet.count, None)
     with np.errstate(divide="ignore"):
         inverse = np.where(sheet.masses > 0, 1 / sheet.masses, 0.0)
@@ -127,7 +154,12 @@ def assemble(
         sheet,
         inverse.astype(np.float32),
         grouped(*membranes(sheet), n),
-        grouped(*hinges(sheet), n),
+        Groups(np.zeros((0, 4, 8), np.int32), np.zeros((0, 5, 8), np.float32))
+        if by_shape
+        else grouped(*hinges(sheet), n),
+        grouped(*shapes(sheet), n)
+        if by_shape
+        else Groups(np.zeros((0, 6, 8), np.int32), np.zeros((0, 19, 8), np.float32)),
         nothing,
         held,
         np.arange(n, dtype=np.int32) if same is None else indices(same, "same", n, n),
@@ -173,7 +205,7 @@ def step(
     stretch = np.zeros((len(cloth.membranes.index), 3, 8), np.float32)
     if state.drive is not None:
         d[:n, :3], stretch = state.drive[0], state.drive[1].copy()
-    membrane_rest, hinge_rest, bends = cloth.tuned(dt / substeps)
+    membrane_rest, hinge_rest, shape_rest, bends = cloth.tuned(dt / substeps)
     sewn = np.zeros((0, 3), np.float32) if pairs is None else _rests(pairs)
     nearest = np.full(n, -1, np.int32)
     if obstacle is not None:
@@ -196,6 +228,7 @@ def step(
     cloth_frame(
         x, v, d, stretch, bends, CARRY,
         cloth.membranes.index, membrane_rest, cloth.hinges.index, hinge_rest,
+        cloth.shapes.index, shape_rest,
         cloth.tethers.index, cloth.tethers.rest,
         dt, substeps, np.asarray(gravity, np.float32), damping, 0.5 * cloth.gap,
         cloth.pinned, path,
@@ -224,12 +257,13 @@ def substeps_for(cloth: Cloth, *, give: float | None = GIVE, dt: float = FRAME) 
     """
     area, m = cloth.sheet.areas, cloth.membranes
     real = m.index[:, 0] < len(cloth.inverse_mass)
-    own = cloth.yielding[0].mean(axis=1)[real] * (1 - CARRY)  # compliance over h^2
+    own = cloth.yielding.mean(axis=1)[real] * (1 - CARRY)  # compliance over h^2
     size = 0.5 / np.abs(m.rest[:, 0] * m.rest[:, 3] - m.rest[:, 1] * m.rest[:, 2])[real].astype(np.float64)
     if give is None:
-        want = np.quantile(cloth.yielding[0] * (1 - CARRY) / m.rest[:, [4, 6]], 0.98) / (1 - LEAST)
-        if len(cloth.hinges.rest):
-            want = max(want, SLOW * np.quantile(cloth.yielding[1] / cloth.hinges.rest[:, 4], 0.98))
+        want = np.quantile(cloth.yielding * (1 - CARRY) / m.rest[:, [4, 6]], 0.98) / (1 - LEAST)
+        for quick in cloth.bending:
+            if len(quick):
+                want = max(want, SLOW * np.quantile(quick, 0.98))
     else:
         weight = 9.81 * cloth.sheet.masses.sum() / np.sqrt(area.sum())  # N/m
         want = weight * float(np.mean(own * size)) / give
@@ -252,11 +286,6 @@ def blown(cloth: Cloth, state: State, wind: Floats, dt: float) -> Floats:
         for j in range(3):
             out[:, j] += np.bincount(t[:, k], push * normal[:, j] / 3, len(x))
     return out * cloth.inverse_mass[:, None]
-
-
-def _weight(hinges: Groups, inverse_mass: Single) -> Floats:
-    w = np.append(inverse_mass, 0.0).astype(np.float64)
-    return np.maximum(np.sum(w[hinges.index] * hinges.rest[:, :4].astype(np.float64) ** 2, axis=1), 1e-30)
 
 
 def _rests(pairs: Pairs) -> Single:
