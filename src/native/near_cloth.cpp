@@ -252,19 +252,12 @@ bool meet(V way, const float* v, const int32_t* a, int m, const int32_t* b, int 
     const double limit = double(reach.still) * reach.still;
     const double apart = dot(way, way);
     if (apart <= limit) return true;
-    double fastest = 0;
-    for (int i = 0; i < m; ++i)
-        for (int j = 0; j < n; ++j) {
-            const V moving = speed(v, a[i]) - speed(v, b[j]);
-            fastest = std::max(fastest, dot(moving, moving));
-        }
-    const double far = std::min(double(reach.moving), reach.time * std::sqrt(fastest)) + reach.still;
-    if (apart > 1.000001 * far * far) return false;
     for (int i = 0; i < m; ++i)
         for (int j = 0; j < n; ++j) {
             const V moving = speed(v, a[i]) - speed(v, b[j]);
             const double fast = dot(moving, moving), closing = -dot(way, moving);
-            if (!(closing > 0)) continue;
+            // most never come so near, whatever the time they have: that is known without a root
+            if (!(closing > 0) || (apart - limit) * fast > 1.000001 * closing * closing) continue;
             const double time = std::min({closing / fast, double(reach.time), reach.moving / std::sqrt(fast)});
             const V then = way + time * moving;
             if (dot(then, then) <= limit) return true;
