@@ -59,13 +59,16 @@ def test_what_is_near_is_what_the_twin_finds():
     same[5] = 4
     keys, known = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
     native, limits = kernels(), np.array([0.012, 0.01, 0.015, 0.01], np.float32)
+    plan = native.near_plan(x, triangles, edges, sides)
     v = rng.normal(size=(60, 4)).astype(np.float32)
     ours, theirs = (
-        f(x, v, triangles, edges, sides, same, limits, keys, known) for f in (native.near_cloth, near_cloth)
+        f(x, v, triangles, edges, sides, same, limits, keys, known, plan) for f in (native.near_cloth, near_cloth)
     )
     assert len(ours[1]) > 20 and all(np.array_equal(a, b) for a, b in zip(ours, theirs))
-    assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known)[0])
-    flipped = native.near_cloth(x, v, triangles, edges, sides, same, limits, ours[2], -ours[3])  # remembered sides stay
+    assert len(ours[0]) > len(native.near_cloth(x, 0 * v, triangles, edges, sides, same, limits, keys, known, plan)[0])
+    flipped = native.near_cloth(
+        x, v, triangles, edges, sides, same, limits, ours[2], -ours[3], plan
+    )  # remembered sides stay
     assert np.array_equal(flipped[2], ours[2]) and np.array_equal(flipped[3], -ours[3])
     cuts = native.cloth_cuts(x, triangles, edges, same)
     assert len(cuts) > 20 and np.array_equal(cuts, cloth_cuts(x, triangles, edges, same))
@@ -99,8 +102,9 @@ def test_momentum_and_angular_momentum_stay(size):
 
 
 def pulled(sheet, x, pull):
-    """Strain along y of the middle of a strip whose ends are pulled apart with `pull` N/m."""
-    low, high = np.flatnonzero(x[:, 1] < 1e-9), np.flatnonzero(x[:, 1] > x[:, 1].max() - 1e-9)
+    """Strain along y of the middle of a strip, about the origin, whose ends are pulled apart with `pull` N/m."""
+    tall = x[:, 1].max()
+    low, high = np.flatnonzero(x[:, 1] < 1e-9 - tall), np.flatnonzero(x[:, 1] > tall - 1e-9)
     cloth = assemble(sheet)
     state = cloth.state(x)
     way = np.zeros((len(x), 3), np.float32)
@@ -108,29 +112,31 @@ def pulled(sheet, x, pull):
         share = np.gradient(np.sort(x[some, 0]))[np.argsort(np.argsort(x[some, 0]))]
         share[[np.argmin(x[some, 0]), np.argmax(x[some, 0])]] /= 2
         way[some, 1] = sign * pull * share / sheet.masses[some]
-    dt = 1 / 24_000
-    for _ in range(12_000):
+    dt = 1 / 4000
+    for _ in range(3000):
         state = replace(state, v=state.v + dt * way)
-        state = step(cloth, state, dt=dt, substeps=1, gravity=NONE, damping=100.0)
-    tall = x[:, 1].max()
-    middle = (x[:, 1] > 0.3 * tall) & (x[:, 1] < 0.7 * tall)
+        state = step(cloth, state, dt=dt, substeps=1, gravity=NONE, damping=30.0)
+    middle = np.abs(x[:, 1]) < 0.4 * tall
     return np.polyfit(x[middle, 1], state.x[middle, 1], 1)[0] - 1
 
 
-@pytest.mark.parametrize("size", [0.02, 0.015])
-@pytest.mark.parametrize(("grain", "modulus"), [(0.0, 500.0), (np.pi / 2, 1000.0), (np.pi / 4, 317.46)])
-def test_a_strip_pulled_is_as_stiff_as_its_fabric_in_that_direction(grain, modulus, size):
-    """Eu 1000, Ev 500, nu 0.2, G 100 N/m; along the bias 1/E = c^4/Eu + s^4/Ev + (1/G - 2 nu/Eu) s^2 c^2."""
-    more = {"stretch_u": 1000.0, "stretch_v": 500.0, "shear": 100.0, "poisson": 0.2}
+@pytest.mark.parametrize("size", [0.03, 0.02, 0.015])
+@pytest.mark.parametrize(
+    ("grain", "modulus", "pull"), [(0.0, 500.0, 4.0), (np.pi / 2, 1000.0, 4.0), (np.pi / 4, 317.46, 1.0)]
+)
+def test_a_strip_pulled_is_as_stiff_as_its_fabric_in_that_direction(grain, modulus, pull, size):
+    """Eu 1000, Ev 500, nu 0.2, G 100 N/m; along the bias 1/E = c^4/Eu + s^4/Ev + (1/G - 2 nu/Eu) s^2 c^2. Heavy, so that
+    steps can be long, which single precision asks for; what it is at rest does not hang on that."""
+    more = {"stretch_u": 1000.0, "stretch_v": 500.0, "shear": 100.0, "poisson": 0.2, "density": 3.0}
     sheet, x = strip(0.06, 0.24, size, grain=grain, **more)
-    assert 1.0 / pulled(sheet, x, 1.0) == pytest.approx(modulus, rel=0.03)
+    assert pull / pulled(sheet, x - [0.03, 0.12, 0], pull) == pytest.approx(modulus, rel=0.02)
 
 
 def bent(size, angle, **more):
-    """Energy of a strip bent round a cylinder of 0.2 m whose axis lies at `angle` to the weft, over 1/2 B k^2 A."""
-    sheet, x = strip(0.1, 0.1, size, **more)
+    """Energy of a strip bent round a cylinder of 0.4 m whose axis lies at `angle` to the weft, over 1/2 B k^2 A."""
+    sheet, x = strip(0.5, 0.5, size, **more)
     index, rest = hinges(sheet)
-    radius, way = 0.2, np.array([np.cos(angle), np.sin(angle)])
+    radius, way = 0.4, np.array([np.cos(angle), np.sin(angle)])
     along = x[:, :2] @ way
     across = x[:, :2] @ [-way[1], way[0]]
     p = np.stack([radius * np.sin(along / radius), across, radius * np.cos(along / radius)], axis=1)
@@ -143,9 +149,9 @@ def bent(size, angle, **more):
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 0.8, 1.2, np.pi / 2])
 def test_the_energy_of_a_bent_cylinder(angle):
-    """The same in every direction; hinges at the rim are missing, which is less in a finer mesh."""
-    coarse, fine = (bent(size, angle, bend_u=1e-5, bend_v=1e-5) for size in (0.01, 0.004))
-    assert fine == pytest.approx(1, abs=0.08) and coarse == pytest.approx(1, abs=0.15)
+    """The same in every direction, in meshes as panels have; on a lattice see test_cloth_bending.py."""
+    coarse, fine = (bent(size, angle, bend_u=1e-5, bend_v=1e-5) for size in (0.02, 0.012))
+    assert fine == pytest.approx(1, abs=0.03) and coarse == pytest.approx(1, abs=0.07)
 
 
 @pytest.mark.parametrize("size", [0.025, 0.018])

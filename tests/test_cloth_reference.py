@@ -33,23 +33,34 @@ def at_rest(cloth: Cloth, state: State, seconds: float, **options) -> np.ndarray
     return state.x.astype(float)
 
 
-# l/c, drop/l, chord in degrees; 2.00035 is Peirce's: his chord is 41.5 degrees
-ELASTICA = ((1.0, 0.12347, 7.1), (1.5, 0.37354, 22.176), (2.00035, 0.6408, 41.5), (2.5, 0.79307, 56.892))
+# l/c, drop/l, chord and tip's slope in degrees; 2.00035 is Peirce's: his chord is 41.5 degrees
+ELASTICA = (
+    (0.5, 0.01562, 0.895, 1.193),
+    (1.0, 0.12347, 7.1, 9.46),
+    (1.5, 0.37354, 22.176, 29.361),
+    (2.00035, 0.6408, 41.5, 53.87),
+    (2.5, 0.79307, 56.892, 71.679),
+    (3.0, 0.86355, 66.959, 81.602),
+)
 
 
-@pytest.mark.parametrize("rows", [8, 12])
-@pytest.mark.parametrize(("long", "drop", "chord"), ELASTICA)
-def test_a_cantilever_bends_as_the_elastica(rows, long, drop, chord):
-    """c = (B / (w g))^(1/3) = 0.2 m; Peirce (1930)."""
-    c, w = 0.2, 0.1
+@pytest.mark.parametrize("rows", [8, 12, 16])
+@pytest.mark.parametrize(("long", "drop", "chord", "slope"), ELASTICA)
+def test_a_cantilever_bends_as_the_elastica(rows, long, drop, chord, slope):
+    """c = (B / (w g))^(1/3) = 0.3 m; Peirce (1930). The shortest is too stiff for finer meshes: steps get too short for
+    single precision."""
+    c, w = 0.3, 0.03
+    rows = rows // 4 + 4 if long == 0.5 else rows  # 6, 7 and 8
     edge = long * c / ((rows + 0.5) * ROW)
-    sheet, x = lattice(8, rows + 1, edge, stiff(w * G * c**3))
+    sheet, x = lattice(8, rows + 1, edge, stiff(w * G * c**3, w, 300.0))
     cloth = assemble(sheet, pinned=np.flatnonzero(x[:, 2] < 1.5 * edge * ROW))
     now = at_rest(cloth, cloth.state(x), 2, damping=8.0, substeps=substeps_for(cloth, give=None))
-    tip = x[:, 2] > x[:, 2].max() - 1e-6
+    tip, last = (np.abs(x[:, 2] - x[:, 2].max() + back * edge * ROW) < 1e-6 for back in (0, 1))
     down, out = -now[tip, 1].mean() / (long * c), (now[tip, 2].mean() - 0.5 * edge * ROW) / (long * c)
     assert down == pytest.approx(drop, rel=0.02)
     assert np.degrees(np.arctan2(down, out)) == pytest.approx(chord, abs=1.0)
+    way = now[tip].mean(axis=0) - now[last].mean(axis=0)
+    assert np.degrees(np.arctan2(-way[1], way[2])) == pytest.approx(slope, abs=1.0)
 
 
 @pytest.mark.parametrize("rows", [20, 30])
@@ -106,22 +117,23 @@ def test_an_upright_strip_stands_up_to_greenhill_s_length(rows, falls):
 
 @pytest.mark.parametrize("rows", [10, 16])
 @pytest.mark.parametrize("load", [0.9, 1.1])
-def test_a_strip_held_at_both_ends_buckles_at_euler_s_load(rows, load):
+@pytest.mark.parametrize("bend_by", ["hinge", "shape"])
+def test_a_strip_held_at_both_ends_buckles_at_euler_s_load(bend_by, load, rows):
     """4 pi^2 B / L^2; pressed by as much as makes 0.9 and 1.1 of that load. Below it a bow of a thousandth goes away; above
-    it the strip bows out by what it was pressed. Hinges couple both curvatures as a plate of Poisson ratio 1/3 does: narrow
-    strips, free to bend across, are softer by 1/9, cylinders are not."""
+    it the strip bows out by what it was pressed. It bends over half a row more at each end than it is pressed over."""
     long, bend, stretch = 0.4, 2e-3, 40.0
-    critical = (1 - 1 / 9) * 4 * np.pi**2 * bend / long**2 / stretch  # strain
+    critical = 4 * np.pi**2 * bend / long**2 / stretch  # strain
     edge = long / ((rows + 1) * ROW)
-    sheet, x = lattice(3, rows + 2, edge, stiff(bend, 0.1, stretch))
+    sheet, x = lattice(10, rows + 2, edge, stiff(bend, 0.1, stretch))
     z = x[:, 2]
     held = np.flatnonzero((z < 1.5 * edge * ROW) | (z > z.max() - 1.5 * edge * ROW))
-    cloth = assemble(sheet, pinned=held)
+    cloth = assemble(sheet, pinned=held, bend=bend_by)
     s = (z - 0.5 * edge * ROW) / long
+    press = load * critical * rows * edge * ROW
     bow = 1e-3 * np.sin(np.pi * np.clip(s, 0, 1)) ** 2
     bow[held] = 0
     start = np.stack([x[:, 0], bow, z * (1 - load * critical)], axis=1)
-    start[held, 2] = np.where(z[held] < long / 2, z[held], z[held] - load * critical * long)
+    start[held, 2] = np.where(z[held] < long / 2, z[held], z[held] - press)
     substeps = substeps_for(cloth, give=None)
     now = at_rest(cloth, cloth.state(start), 6, damping=1.0, gravity=NONE, substeps=substeps)
     out = np.abs(now[:, 1]).max() / long
@@ -190,7 +202,7 @@ def drum(radius: float, count: int = 96, half: float = 0.1) -> Obstacle:
     return still(vertices, np.concatenate([np.stack(f, axis=1) for f in faces]).astype(np.int32))
 
 
-@pytest.mark.parametrize("edge", [0.03, 0.016])
+@pytest.mark.parametrize("edge", [0.03, 0.024, 0.02, 0.016])
 @pytest.mark.parametrize("ratio", [2.44, 2.69])
 def test_a_strap_round_a_bar_slides_beyond_euler_s_ratio(edge, ratio):
     """Capstan: half a turn with mu 0.3 holds up to exp(0.3 pi) = 2.5663; 5 per cent less rests, 5 per cent more slides."""
@@ -212,4 +224,4 @@ def test_a_strap_round_a_bar_slides_beyond_euler_s_ratio(edge, ratio):
         state = step(cloth, replace(state, v=v), dt=dt, substeps=6, gravity=NONE, damping=20.0, obstacle=bar)
         moved.append(float(state.x[ends[1], 1].mean()))
     slid = moved[1000] - moved[-1]
-    assert slid > 1.0 if ratio > 2.5663 else slid < 5e-3  # it creeps a little where the step's rounding shakes it
+    assert slid > 1.0 if ratio > 2.5663 else slid < 2e-3  # it creeps a little where the step's rounding shakes it

@@ -71,3 +71,46 @@ def test_beside_a_rim_cloth_is_not_lifted():
     cloth = assemble(sheet, pinned=low, gap=GAP)
     state = step(cloth, cloth.state(x), gravity=(0, 0, 0))
     assert np.abs(state.x - x).max() < 1e-6
+
+
+def crumpled(width: float, size: float):
+    """A strip, rolled up and shaken: many parts near to others, moving."""
+    sheet, x = strip(width, 0.4 * width, size)
+    rng = np.random.default_rng(1)
+    angle, r = 12 / width * x[:, 0], 0.01 + 0.05 * x[:, 0]
+    place = np.stack([r * np.cos(angle), r * np.sin(angle), x[:, 1]], axis=1) + rng.normal(scale=1e-3, size=x.shape)
+    rows = np.column_stack([place, np.ones(len(x))]).astype(np.float32)
+    speed = np.column_stack([rng.normal(scale=0.5, size=x.shape), np.zeros(len(x))]).astype(np.float32)
+    same = np.arange(len(x), dtype=np.int32)
+    limits = np.array([0.0044, 0.025, 0.04, 0.003], np.float32)
+    none = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
+    plan = kernels().near_plan(rows, sheet.triangles, sheet.edges, sheet.sides)
+    return sheet, (rows, speed, sheet.triangles, sheet.edges, sheet.sides, same, limits, *none, plan)
+
+
+def test_nothing_that_is_near_is_missed():
+    """Everything against everything finds the same, also in folds and where the cloth moves."""
+    from vitruvian.cloth.touch_numpy import near_cloth
+
+    sheet, arguments = crumpled(0.2, 0.014)
+    flat = np.column_stack([sheet.material[:, 0], np.zeros((len(sheet.triangles), 2))]).astype(np.float32)
+    other = kernels().near_plan(flat[np.resize(np.arange(len(flat)), sheet.count)], *arguments[2:5])  # a bad one
+    ours, theirs = kernels().near_cloth(*arguments), near_cloth(*arguments)
+    assert all(np.array_equal(a, b) for a, b in zip(ours, kernels().near_cloth(*arguments[:-1], other)))
+    assert len(ours[1]) > 500 and len(ours[0]) - len(ours[1]) > 100
+    assert all(np.array_equal(a, b) for a, b in zip(ours, theirs))
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    sheet, arguments = crumpled(0.7, 0.0055)
+    one = kernels().near_cloth(*arguments, 1)
+    cloth = assemble(sheet, gap=0.0004)
+    start = cloth.state(arguments[0][:, :3], arguments[1][:, :3])
+    alone = step(cloth, step(cloth, start, threads=1), threads=1)
+    assert len(sheet.triangles) > 10_000 and len(one[0]) > 10_000 and len(alone.near) > 100
+    for threads in (2, 4, 7):
+        for a, b in zip(one, kernels().near_cloth(*arguments, threads)):
+            assert a.tobytes() == b.tobytes()
+        other = step(cloth, step(cloth, start, threads=threads), threads=threads)
+        assert other.x.tobytes() == alone.x.tobytes() and other.v.tobytes() == alone.v.tobytes()
+        assert other.near.tobytes() == alone.near.tobytes() and other.side.tobytes() == alone.side.tobytes()

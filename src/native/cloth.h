@@ -14,6 +14,9 @@ struct ClothProgram {
     int64_t hinges;                 // groups
     const int32_t* hinge;           // (groups, 4, 8) ends of the edge, then what is opposite on either side
     const float* hinge_rest;        // (groups, 5, 8) factors of the four, compliance
+    int64_t shapes;                 // groups
+    const int32_t* shape;           // (groups, 6, 8) corners of a triangle, then what is opposite across its edges
+    const float* shape_rest;        // (groups, 19, 8) three sums of the six, compliance
     int64_t tethers;                // groups
     const int32_t* tether;          // (groups, 2, 8)
     const float* tether_rest;       // (groups, 1, 8) what they may be apart
@@ -52,7 +55,7 @@ struct ClothFrame {
     float* q;                       // (n + 1, 4) scratch: where velocities alone would lead
     float* d;                       // (n + 1, 4) what the multipliers below move
     float* membrane_force;          // (groups, 3, 8) multipliers, kept from substep to substep
-    int bends;                      // hinges are worked off in one of so many substeps
+    int bends;                      // what bends is worked off in one of so many substeps
     float carry;                    // share of them that the next substep begins with
     float* slack;                   // (n,) scratch
     float* room;                    // (n,) scratch: metres to the rim of the body's triangle that a vertex lies on

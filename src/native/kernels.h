@@ -5,6 +5,7 @@
 
 #include "cloth.h"
 #include "layers.h"
+#include "near_pairs.h"
 
 namespace vt {
 
@@ -153,6 +154,9 @@ struct PoseFrame {
     void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x);              \
     void cloth_feet(const ClothFeet& feet, int64_t first, int64_t last);                                              \
     void cloth_limbs(const ClothLimbs& job);                                                                          \
+    void near_boxes(const NearTree& tree);                                                                            \
+    void near_pairs(const NearTree& tree, const Reach& reach, int64_t leaf, int32_t* corner, int64_t* corners,        \
+                    int32_t* cross, int64_t* crosses);                                                                \
     }
 VT_DECLARE(base)
 VT_DECLARE(v3)

@@ -30,10 +30,10 @@ namespace vt::VT_NS {
 #define VT_VECTORS 1
 typedef float f4 __attribute__((vector_size(16)));
 typedef float f8 __attribute__((vector_size(32)));
+typedef int32_t i8 __attribute__((vector_size(32)));
 #if defined(__clang__) || __GNUC__ >= 12
 #define VT_SHUFFLE8(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
-typedef int32_t i8 __attribute__((vector_size(32)));
 #define VT_SHUFFLE8(a, b, ...) __builtin_shuffle(a, b, (i8){__VA_ARGS__})
 #endif
 #if defined(__AVX__)
@@ -99,7 +99,11 @@ static inline void store8(float* p, f8 v) { memcpy(p, &v, sizeof v); }
 #if defined(VT_VECTORS) && defined(__AVX__)
 static inline f8 root(f8 x) { return _mm256_sqrt_ps(x); }
 static inline f8 larger(f8 a, f8 b) { return _mm256_max_ps(a, b); }
+static inline f8 smaller(f8 a, f8 b) { return _mm256_min_ps(a, b); }
 static inline bool any_below(f8 x, float limit) { return _mm256_movemask_ps(x - limit) != 0; }
+static inline uint32_t at_most(f8 x, float limit) {
+    return uint32_t(_mm256_movemask_ps(_mm256_cmp_ps(x, all(limit), _CMP_LE_OQ)));
+}
 #else
 static inline f8 root(f8 x) {
     float v[8];
@@ -108,6 +112,7 @@ static inline f8 root(f8 x) {
     return load8(v);
 }
 static inline f8 larger(f8 a, f8 b) { return where_negative(a - b, b, a); }
+static inline f8 smaller(f8 a, f8 b) { return where_negative(b - a, b, a); }
 static inline bool any_below(f8 x, float limit) {
     float v[8];
     store8(v, x - limit);
@@ -115,7 +120,40 @@ static inline bool any_below(f8 x, float limit) {
     for (int i = 0; i < 8; ++i) found |= v[i] < 0.0f;
     return found;
 }
+// A bit for each that is not above the limit.
+static inline uint32_t at_most(f8 x, float limit) {
+    float v[8];
+    store8(v, x);
+    uint32_t found = 0;
+    for (int i = 0; i < 8; ++i) found |= uint32_t(v[i] <= limit) << i;
+    return found;
+}
 #endif
+
+// A bit for each of eight triples (3, 8) of numbers that has one of those in another.
+static inline uint32_t in_common(const int32_t one[3], const int32_t eight[3][8]) {
+#if defined(VT_VECTORS)
+    i8 hit = {0, 0, 0, 0, 0, 0, 0, 0};
+    for (int j = 0; j < 3; ++j) {
+        i8 other;
+        memcpy(&other, eight[j], sizeof other);
+        hit |= (other == one[0]) | (other == one[1]) | (other == one[2]);
+    }
+#if defined(__AVX__)
+    return uint32_t(_mm256_movemask_ps(reinterpret_cast<f8>(hit)));
+#endif
+#else
+    int32_t hit[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    for (int j = 0; j < 3; ++j)
+        for (int l = 0; l < 8; ++l)
+            if (eight[j][l] == one[0] || eight[j][l] == one[1] || eight[j][l] == one[2]) hit[l] = 1;
+#endif
+#if !defined(VT_VECTORS) || !defined(__AVX__)
+    uint32_t found = 0;
+    for (int l = 0; l < 8; ++l) found |= uint32_t(hit[l] != 0) << l;
+    return found;
+#endif
+}
 
 // Columns of 8 rows of 8 floats: out[k] lane l = row l, place k.
 static inline void transpose(const float* const row[8], f8 out[8]) {

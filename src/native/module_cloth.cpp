@@ -20,17 +20,19 @@ auto lasting(std::vector<T>&& values, std::initializer_list<size_t> shape) {
 // Advances x (n+1,4) and v (n+1,4) by one frame, in place.
 void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Output<float, 3> membrane_force,
                  int bends, float carry, Array<int32_t, 3> membrane, Array<float, 3> membrane_rest,
-                 Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> tether,
-                 Array<float, 3> tether_rest, double dt, int substeps, Array<float, 1> gravity, float damping,
-                 float limit, Array<int32_t, 1> pin, Array<float, 2> pin_path, Array<int32_t, 2> pair,
-                 Array<float, 2> pair_rest, Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour,
-                 Array<float, 2> before, Array<float, 2> after, float offset, float most, float reach,
+                 Array<int32_t, 3> hinge, Array<float, 3> hinge_rest, Array<int32_t, 3> shape,
+                 Array<float, 3> shape_rest, Array<int32_t, 3> tether, Array<float, 3> tether_rest, double dt,
+                 int substeps, Array<float, 1> gravity, float damping, float limit, Array<int32_t, 1> pin,
+                 Array<float, 2> pin_path, Array<int32_t, 2> pair, Array<float, 2> pair_rest,
+                 Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour, Array<float, 2> before,
+                 Array<float, 2> after, float offset, float most, float reach,
                  Output<int32_t, 1> nearest, Array<float, 1> friction, Array<int32_t, 2> near, Array<float, 1> side,
                  Array<float, 1> gap, Array<float, 1> rub, int64_t corners) {
     const int64_t n = int64_t(x.shape(0)) - 1;
     check(n >= 0 && x.shape(1) == 4 && v.shape(0) == x.shape(0) && v.shape(1) == 4, "positions do not fit");
     check(int64_t(nearest.shape(0)) == n && int64_t(friction.shape(0)) == n, "vertices do not fit");
     check(membrane.shape(0) == membrane_rest.shape(0) && hinge.shape(0) == hinge_rest.shape(0), "constraints do not fit");
+    check(shape.shape(0) == shape_rest.shape(0), "constraints do not fit");
     check(d.shape(0) == x.shape(0) && d.shape(1) == 4, "multipliers do not fit");
     check(membrane_force.shape(0) == membrane.shape(0), "multipliers do not fit");
     const int64_t contacts = int64_t(near.shape(0));
@@ -39,6 +41,7 @@ void cloth_frame(Output<float, 2> x, Output<float, 2> v, Output<float, 2> d, Out
     check(substeps > 0 && bends > 0 && gravity.shape(0) == 3, "substeps and gravity do not fit");
     const vt::ClothProgram program{n, int64_t(membrane.shape(0)), membrane.data(), membrane_rest.data(),
                                    int64_t(hinge.shape(0)), hinge.data(), hinge_rest.data(),
+                                   int64_t(shape.shape(0)), shape.data(), shape_rest.data(),
                                    int64_t(tether.shape(0)), tether.data(), tether_rest.data()};
     std::unique_ptr<float[]> scratch(new float[size_t(n + 1) * 19]);
     const float* g = gravity.data();
@@ -72,20 +75,59 @@ vt::Surface surface(const Array<float, 2>& x, const Array<int32_t, 2>& triangle,
             int64_t(edge.shape(0)), nullptr, same.data()};
 }
 
+// See vt::NearPlan, whose arrays these are.
+nb::tuple near_plan(Array<float, 2> x, Array<int32_t, 2> triangle, Array<int32_t, 2> edge, Array<int32_t, 2> sides) {
+    check(x.shape(1) == 4 && triangle.shape(1) == 3 && edge.shape(1) == 2, "surface does not fit");
+    check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
+    vt::NearOrder out;
+    {
+        nb::gil_scoped_release release;
+        out = vt::order_near({x.data(), int64_t(x.shape(0)), triangle.data(), int64_t(triangle.shape(0)), edge.data(),
+                              int64_t(edge.shape(0)), sides.data(), nullptr});
+    }
+    const auto give = [](std::vector<int32_t>& values) {
+        const size_t count = values.size();
+        return lasting(std::move(values), {count});
+    };
+    return nb::make_tuple(give(out.order), give(out.vertex_first), give(out.edge_first), give(out.vertex), give(out.edge),
+                          give(out.vertex_of), give(out.edge_of));
+}
+
 // Pairs (k,4), first those of vertices and triangles, of which there are c, with their sides (c,), then those of edges;
 // keys (r,2) and sides (r,) of those to be remembered. limits: the four of vt::Reach.
 nb::tuple near_cloth(Array<float, 2> x, Array<float, 2> v, Array<int32_t, 2> triangle, Array<int32_t, 2> edge,
-                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side) {
+                     Array<int32_t, 2> sides, Array<int32_t, 1> same, Array<float, 1> limits, Array<int32_t, 2> before, Array<float, 1> side,
+                     nb::tuple plan, int threads) {
     vt::Surface s = surface(x, triangle, edge, same);
     check(sides.shape(0) == triangle.shape(0) && sides.shape(1) == 3, "sides of triangles do not fit");
     s.sides = sides.data();
     check(v.shape(0) == x.shape(0) && v.shape(1) == 4, "velocities do not fit");
     check(limits.shape(0) == 4 && before.shape(1) == 2 && side.shape(0) == before.shape(0), "what is known does not fit");
+    check(plan.size() == 7, "the plan does not fit");
+    using Rows = Array<int32_t, 1>;
+    const Rows order = nb::cast<Rows>(plan[0]), vertex_first = nb::cast<Rows>(plan[1]), edge_first = nb::cast<Rows>(plan[2]);
+    const Rows vertex = nb::cast<Rows>(plan[3]), edges = nb::cast<Rows>(plan[4]);
+    const Rows vertex_of = nb::cast<Rows>(plan[5]), edge_of = nb::cast<Rows>(plan[6]);
+    const size_t leaves = (triangle.shape(0) + 7) / 8;
+    check(order.shape(0) == triangle.shape(0) && vertex_of.shape(0) == x.shape(0) && edge_of.shape(0) == edge.shape(0) &&
+              vertex_first.shape(0) == leaves + 1 && edge_first.shape(0) == leaves + 1 &&
+              int64_t(vertex.shape(0)) == 8 * int64_t(vertex_first.data()[leaves]) &&
+              int64_t(edges.shape(0)) == 8 * int64_t(edge_first.data()[leaves]),
+          "the plan does not fit");
+    const vt::NearPlan by{order.data(), vertex_first.data(), edge_first.data(), vertex.data(), edges.data(),
+                          vertex_of.data(), edge_of.data()};
     const float* l = limits.data();
     vt::Near out;
     {
         nb::gil_scoped_release release;
-        vt::find_near(s, v.data(), {l[0], l[1], l[2], l[3]}, before.data(), side.data(), int64_t(before.shape(0)), out);
+        vt::NearKernels kernels{vt::base::near_boxes, vt::base::near_pairs};
+#if defined(VT_HAVE_V3)
+        if (newer()) kernels = {vt::v3::near_boxes, vt::v3::near_pairs};
+#endif
+        // looking for what is near is most of a frame: helpers pay earlier than elsewhere
+        const int many = threads > 0 || s.triangles < 4000 ? vt::threads_for(0, threads) : vt::threads_for(1 << 20, 0);
+        vt::find_near(kernels, many, s, v.data(), by, {l[0], l[1], l[2], l[3]}, before.data(), side.data(),
+                      int64_t(before.shape(0)), out);
         out.corner.insert(out.corner.end(), out.cross.begin(), out.cross.end());
     }
     const size_t all = out.corner.size() / 4, corners = out.side.size(), kept = out.key_side.size();
@@ -177,7 +219,9 @@ void cloth_limbs(Output<float, 2> r, Output<float, 2> v, Array<int32_t, 1> verte
 
 void bind_cloth(nb::module_& m) {
     m.def("cloth_frame", &cloth_frame);
-    m.def("near_cloth", &near_cloth);
+    m.def("near_plan", &near_plan);
+    m.def("near_cloth", &near_cloth, nb::arg("x"), nb::arg("v"), nb::arg("triangles"), nb::arg("edges"), nb::arg("sides"), nb::arg("same"), nb::arg("limits"), nb::arg("before"),
+          nb::arg("side"), nb::arg("plan"), nb::arg("threads") = 0);
     m.def("cloth_cuts", &cloth_cuts);
     m.def("cloth_clear", &cloth_clear);
     m.def("cloth_feet", &cloth_feet);

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <utility>
+
+#include "threads.h"
 
 namespace vt {
 
@@ -105,7 +108,7 @@ namespace {
 
 // Where something is, and the range of its velocities.
 struct Range {
-    float low[3], high[3], slow[3], fast[3];
+    float low[3], high[3], slow[3], fast[3];  // one after the other
 
     static Range none() {
         Range r;
@@ -121,96 +124,123 @@ struct Range {
     void add(const Range& r) { add(r.low, r.slow), add(r.high, r.fast); }
 };
 
-bool may_meet(const Range& a, const Range& b, const Reach& reach) {
-    for (int j = 0; j < 3; ++j) {
-        const float back = std::max(-reach.moving, reach.time * (a.slow[j] - b.fast[j]));
-        const float on = std::min(reach.moving, reach.time * (a.fast[j] - b.slow[j]));
-        if (a.low[j] - b.high[j] + std::min(0.0f, back) > reach.still) return false;
-        if (a.high[j] - b.low[j] + std::max(0.0f, on) < -reach.still) return false;
-    }
-    return true;
-}
-
 Range range_of(const Surface& s, const float* v, const int32_t* index, int count) {
     Range r = Range::none();
     for (int k = 0; k < count; ++k) r.add(s.x + 4 * int64_t(index[k]), v + 4 * int64_t(index[k]));
     return r;
 }
 
-// A tree of ranges of triangles, halved along the longer side of their places.
-class Tree {
-public:
-    Tree(const Surface& s, const float* v) : range(size_t(s.triangles)), order(size_t(s.triangles)) {
-        for (int64_t t = 0; t < s.triangles; ++t) {
-            range[size_t(t)] = range_of(s, v, s.triangle + 3 * t, 3);
-            order[size_t(t)] = int32_t(t);
+// Halves triangles along the longer side of where their middles are, until eight are left; the first half fills its leaves.
+void halve(const std::vector<float>& middle, int32_t* begin, int32_t* end) {
+    const int64_t count = end - begin;
+    if (count <= 8) return;
+    float low[3] = {3e38f, 3e38f, 3e38f}, high[3] = {-3e38f, -3e38f, -3e38f};
+    for (const int32_t* t = begin; t < end; ++t)
+        for (int j = 0; j < 3; ++j) {
+            const float x = middle[size_t(3 * int64_t(*t) + j)];
+            low[j] = std::min(low[j], x), high[j] = std::max(high[j], x);
         }
-        if (s.triangles) node.reserve(size_t(s.triangles)), split(0, int32_t(s.triangles));
-    }
-    // Calls f(t, u), t < u, for triangles that may meet.
-    template <class F>
-    void pairs(const Reach& reach, F&& f) const {
-        if (!node.empty()) inside(0, reach, f);
-    }
+    int axis = 0;
+    for (int j = 1; j < 3; ++j)
+        if (high[j] - low[j] > high[axis] - low[axis]) axis = j;
+    int64_t half = 8;
+    while (2 * half < count) half *= 2;
+    if (half >= count) half = count / 2;
+    int32_t* const at = begin + half;
+    std::nth_element(begin, at, end, [&](int32_t a, int32_t b) {
+        const float x = middle[size_t(3 * int64_t(a) + axis)], y = middle[size_t(3 * int64_t(b) + axis)];
+        return x < y || (x == y && a < b);
+    });
+    halve(middle, begin, at), halve(middle, at, end);
+}
 
-    std::vector<Range> range;  // of each triangle
+// Puts something into a lane.
+void put(NearBlock& block, size_t lane, int32_t item, const Range& range) {
+    block.item[lane] = item;
+    for (int j = 0; j < 3; ++j) {
+        block.box.value[j][lane] = range.low[j], block.box.value[3 + j][lane] = range.high[j];
+        block.box.value[6 + j][lane] = range.slow[j], block.box.value[9 + j][lane] = range.fast[j];
+    }
+}
+
+NearBlock nothing() {
+    NearBlock out{};
+    for (size_t l = 0; l < 8; ++l) {
+        for (size_t j = 0; j < 3; ++j) {
+            out.box.value[j][l] = out.box.value[6 + j][l] = 3e38f, out.box.value[3 + j][l] = out.box.value[9 + j][l] = -3e38f;
+            out.same[j][l] = -1;
+        }
+        out.item[l] = -1;
+    }
+    return out;
+}
+
+V upright(const Surface& s, int32_t t) {
+    const int32_t* c = s.triangle + 3 * int64_t(t);
+    const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
+    return (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
+}
+
+// Calls f(i) for i below count on some threads.
+template <class F>
+void each(int64_t count, int threads, F f) {
+    share(count, threads, [](void* g, int64_t i) { (*static_cast<F*>(g))(i); }, &f);
+}
+
+constexpr int64_t kChunk = 32;  // leaves that one thread looks at in one go
+
+// The tree of near_pairs.h, as it is now.
+struct Tree {
+    Tree(const NearKernels& kernels, int threads, const Surface& s, const float* v, const NearPlan& plan, double bent) {
+        const int64_t n = s.triangles, leaves = (n + 7) / 8;
+        const size_t vertices = size_t(plan.vertex_first[leaves]), edges = size_t(plan.edge_first[leaves]);
+        triangle.reset(new NearBlock[size_t(leaves)]), vertex.reset(new NearBlock[vertices]), edge.reset(new NearBlock[edges]);
+        const NearBlock none = nothing();
+        each((leaves + kChunk - 1) / kChunk, threads, [&](int64_t chunk) {
+            for (int64_t leaf = kChunk * chunk; leaf < std::min(leaves, kChunk * (chunk + 1)); ++leaf) {
+                NearBlock& own = triangle[size_t(leaf)] = none;
+                for (int64_t k = 8 * leaf; k < std::min(n, 8 * leaf + 8); ++k) {
+                    const int32_t t = plan.order[k];
+                    const size_t lane = size_t(k % 8);
+                    put(own, lane, t, range_of(s, v, s.triangle + 3 * int64_t(t), 3));
+                    for (int j = 0; j < 3; ++j) own.same[j][lane] = s.same[s.triangle[3 * int64_t(t) + j]];
+                    const V normal = upright(s, t);
+                    own.normal[0][lane] = float(normal.x), own.normal[1][lane] = float(normal.y);
+                    own.normal[2][lane] = float(normal.z);
+                }
+                const auto fill = [&](NearBlock& block, const int32_t* item, const int32_t* of, const int32_t* index, int width) {
+                    block = none;
+                    for (size_t lane = 0; lane < 8 && item[lane] >= 0; ++lane) {
+                        const int32_t i = item[lane];
+                        put(block, lane, i, range_of(s, v, index ? index + width * int64_t(i) : &i, width));
+                        size_t k = 0;  // where its triangle is among the leaf's
+                        while (k < 7 && own.item[k] != of[i]) ++k;
+                        for (int j = 0; j < 3; ++j)
+                            block.same[j][lane] = own.same[j][k], block.normal[j][lane] = own.normal[j][k];
+                    }
+                };
+                for (int32_t b = plan.vertex_first[leaf]; b < plan.vertex_first[leaf + 1]; ++b)
+                    fill(vertex[size_t(b)], plan.vertex + 8 * int64_t(b), plan.vertex_of, nullptr, 1);
+                for (int32_t b = plan.edge_first[leaf]; b < plan.edge_first[leaf + 1]; ++b)
+                    fill(edge[size_t(b)], plan.edge + 8 * int64_t(b), plan.edge_of, s.edge, 2);
+            }
+        });
+        int64_t before = 0;
+        for (int64_t blocks = leaves; blocks > 1 || first.empty();) {
+            blocks = (blocks + 7) / 8;
+            first.push_back(before), before += blocks;
+        }
+        upper.assign(size_t(before), none.box);
+        tree = {leaves, triangle.get(), vertex.get(), edge.get(), plan.vertex_first, plan.edge_first,
+                int(first.size()), first.data(), upper.data(), float(bent)};
+        kernels.boxes(tree);
+    }
+    NearTree tree;
 
 private:
-    static constexpr int32_t kLeaf = 4;
-    struct Node {
-        Range range;
-        int32_t begin, end, left, right;  // left < 0: a leaf
-    };
-    int32_t split(int32_t begin, int32_t end) {
-        const int32_t self = int32_t(node.size());
-        node.push_back({Range::none(), begin, end, -1, -1});
-        Range r = Range::none();
-        for (int32_t k = begin; k < end; ++k) r.add(range[size_t(order[size_t(k)])]);
-        node[size_t(self)].range = r;
-        if (end - begin <= kLeaf) return self;
-        int axis = 0;
-        for (int j = 1; j < 3; ++j)
-            if (r.high[j] - r.low[j] > r.high[axis] - r.low[axis]) axis = j;
-        const int32_t middle = (begin + end) / 2;
-        std::nth_element(order.begin() + begin, order.begin() + middle, order.begin() + end, [&](int32_t a, int32_t b) {
-            const float x = range[size_t(a)].low[axis] + range[size_t(a)].high[axis];
-            const float y = range[size_t(b)].low[axis] + range[size_t(b)].high[axis];
-            return x < y || (x == y && a < b);
-        });
-        const int32_t left = split(begin, middle), right = split(middle, end);
-        node[size_t(self)].left = left, node[size_t(self)].right = right;
-        return self;
-    }
-    template <class F>
-    void one(int32_t i, int32_t j, const Reach& reach, F&& f) const {
-        const int32_t t = order[size_t(i)], u = order[size_t(j)];
-        if (may_meet(range[size_t(t)], range[size_t(u)], reach)) f(std::min(t, u), std::max(t, u));
-    }
-    template <class F>
-    void inside(int32_t k, const Reach& reach, F&& f) const {
-        const Node& n = node[size_t(k)];
-        if (n.left < 0) {
-            for (int32_t i = n.begin; i < n.end; ++i)
-                for (int32_t j = i + 1; j < n.end; ++j) one(i, j, reach, f);
-            return;
-        }
-        inside(n.left, reach, f), inside(n.right, reach, f), between(n.left, n.right, reach, f);
-    }
-    template <class F>
-    void between(int32_t k, int32_t l, const Reach& reach, F&& f) const {
-        const Node &a = node[size_t(k)], &b = node[size_t(l)];
-        if (!may_meet(a.range, b.range, reach)) return;
-        if (a.left < 0 && b.left < 0) {
-            for (int32_t i = a.begin; i < a.end; ++i)
-                for (int32_t j = b.begin; j < b.end; ++j) one(i, j, reach, f);
-        } else if (b.left < 0 || (a.left >= 0 && a.end - a.begin >= b.end - b.begin)) {
-            between(a.left, l, reach, f), between(a.right, l, reach, f);
-        } else {
-            between(k, b.left, reach, f), between(k, b.right, reach, f);
-        }
-    }
-    std::vector<int32_t> order;
-    std::vector<Node> node;
+    std::unique_ptr<NearBlock[]> triangle, vertex, edge;
+    std::vector<int64_t> first;
+    std::vector<NearBoxes> upper;
 };
 
 V speed(const float* v, int32_t i) { return {v[4 * int64_t(i)], v[4 * int64_t(i) + 1], v[4 * int64_t(i) + 2]}; }
@@ -220,12 +250,14 @@ constexpr double kBent = 0.5;  // cosine of the angle between neighbours that ma
 // Whether two of them that are `way` apart may meet before the frame ends, each pair of vertices moving straight on.
 bool meet(V way, const float* v, const int32_t* a, int m, const int32_t* b, int n, const Reach& reach) {
     const double limit = double(reach.still) * reach.still;
-    if (dot(way, way) <= limit) return true;
+    const double apart = dot(way, way);
+    if (apart <= limit) return true;
     for (int i = 0; i < m; ++i)
         for (int j = 0; j < n; ++j) {
             const V moving = speed(v, a[i]) - speed(v, b[j]);
             const double fast = dot(moving, moving), closing = -dot(way, moving);
-            if (!(closing > 0)) continue;
+            // most never come so near, whatever the time they have: that is known without a root
+            if (!(closing > 0) || (apart - limit) * fast > 1.000001 * closing * closing) continue;
             const double time = std::min({closing / fast, double(reach.time), reach.moving / std::sqrt(fast)});
             const V then = way + time * moving;
             if (dot(then, then) <= limit) return true;
@@ -248,73 +280,58 @@ bool between_edges(const Surface& s, const int32_t* p, const int32_t* q, V& way)
 
 }  // namespace
 
-void find_near(const Surface& s, const float* v, const Reach& reach, const int32_t* before, const float* side, int64_t known,
-               Near& out) {
-    const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
-    const auto free = [&s](int32_t i) { return s.x[4 * int64_t(i) + 3] > 0; };
-    // each vertex and edge is looked at with one of its triangles, the first
-    std::vector<int32_t> vertex_of(size_t(s.vertices), -1), edge_of(size_t(s.edges), -1);
-    for (int64_t t = 0; t < s.triangles; ++t)
-        for (int k = 0; k < 3; ++k) {
-            int32_t &a = vertex_of[size_t(s.triangle[3 * t + k])], &b = edge_of[size_t(s.sides[3 * t + k])];
+NearOrder order_near(const Surface& s) {
+    NearOrder out;
+    std::vector<float> middle(size_t(3 * s.triangles));
+    out.order.resize(size_t(s.triangles)), out.vertex_of.assign(size_t(s.vertices), -1), out.edge_of.assign(size_t(s.edges), -1);
+    for (int64_t t = 0; t < s.triangles; ++t) {
+        out.order[size_t(t)] = int32_t(t);
+        const int32_t* c = s.triangle + 3 * t;
+        for (int j = 0; j < 3; ++j) {
+            middle[size_t(3 * t + j)] = s.x[4 * int64_t(c[0]) + j] + s.x[4 * int64_t(c[1]) + j] + s.x[4 * int64_t(c[2]) + j];
+            int32_t &a = out.vertex_of[size_t(c[j])], &b = out.edge_of[size_t(s.sides[3 * t + j])];
             if (a < 0) a = int32_t(t);
             if (b < 0) b = int32_t(t);
         }
-    const Tree tree(s, v);
-    std::vector<Range> line(static_cast<size_t>(s.edges));
-    for (int64_t e = 0; e < s.edges; ++e) line[size_t(e)] = range_of(s, v, s.edge + 2 * e, 2);
-    std::vector<std::pair<int32_t, int32_t>> corner, cross;
-    const auto try_corner = [&](int32_t i, int32_t t) {
-        const int32_t* c = s.triangle + 3 * int64_t(t);
-        if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
-        if (!may_meet(range_of(s, v, &i, 1), tree.range[size_t(t)], reach)) return;
-        const V p = at(s, i);
-        if (meet(p - nearest(p, at(s, c[0]), at(s, c[1]), at(s, c[2])), v, &i, 1, c, 3, reach)) corner.push_back({i, t});
-    };
-    const auto try_cross = [&](int32_t e, int32_t f) {
-        const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
-        if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) return;
-        if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
-        V way;
-        if (!may_meet(line[size_t(e)], line[size_t(f)], reach) || !between_edges(s, p, q, way)) return;
-        if (meet(way, v, p, 2, q, 2, reach)) cross.push_back({e, f});
-    };
-    std::vector<V> normal(static_cast<size_t>(s.triangles));
-    for (int64_t t = 0; t < s.triangles; ++t) {
-        const int32_t* c = s.triangle + 3 * t;
-        const V n = cross_product(at(s, c[1]) - at(s, c[0]), at(s, c[2]) - at(s, c[0]));
-        normal[size_t(t)] = (1 / std::sqrt(dot(n, n) + 1e-60)) * n;
     }
+    halve(middle, out.order.data(), out.order.data() + s.triangles);
+    for (int64_t leaf = 0; leaf < (s.triangles + 7) / 8; ++leaf) {
+        out.vertex_first.push_back(int32_t(out.vertex.size() / 8)), out.edge_first.push_back(int32_t(out.edge.size() / 8));
+        for (int64_t k = 8 * leaf; k < std::min(s.triangles, 8 * leaf + 8); ++k)
+            for (int j = 0; j < 3; ++j) {
+                const int32_t t = out.order[size_t(k)], i = s.triangle[3 * int64_t(t) + j], e = s.sides[3 * int64_t(t) + j];
+                if (out.vertex_of[size_t(i)] == t) out.vertex.push_back(i);
+                if (out.edge_of[size_t(e)] == t) out.edge.push_back(e);
+            }
+        out.vertex.resize((out.vertex.size() + 7) / 8 * 8, -1), out.edge.resize((out.edge.size() + 7) / 8 * 8, -1);
+    }
+    out.vertex_first.push_back(int32_t(out.vertex.size() / 8)), out.edge_first.push_back(int32_t(out.edge.size() / 8));
+    return out;
+}
+
+void find_near(const NearKernels& kernels, int threads, const Surface& s, const float* v, const NearPlan& plan,
+               const Reach& reach, const int32_t* before, const float* side, int64_t known, Near& out) {
+    if (!s.triangles) return;
+    const auto one = [&s](int32_t a, int32_t b) { return s.same[a] == s.same[b]; };
+    const auto free = [&s](int32_t i) { return s.x[4 * int64_t(i) + 3] > 0; };
+    const Tree made(kernels, threads, s, v, plan, kBent);
+    const NearTree& tree = made.tree;
     // triangles with a common vertex do not meet before they are bent
     const auto flat = [&](int32_t t, int32_t u) {
-        if (dot(normal[size_t(t)], normal[size_t(u)]) < kBent) return false;
+        if (dot(upright(s, t), upright(s, u)) < kBent) return false;
         const int32_t *a = s.triangle + 3 * int64_t(t), *b = s.triangle + 3 * int64_t(u);
         for (int k = 0; k < 9; ++k)
             if (one(a[k / 3], b[k % 3])) return true;
         return false;
     };
-    tree.pairs(reach, [&](int32_t t, int32_t u) {
-        if (flat(t, u)) return;
-        for (int k = 0; k < 3; ++k) {
-            const int32_t a = s.triangle[3 * int64_t(t) + k], b = s.triangle[3 * int64_t(u) + k];
-            if (vertex_of[size_t(a)] == t) try_corner(a, u);
-            if (vertex_of[size_t(b)] == u) try_corner(b, t);
-        }
-        for (int k = 0; k < 3; ++k) {
-            const int32_t e = s.sides[3 * int64_t(t) + k];
-            if (edge_of[size_t(e)] != t) continue;
-            for (int l = 0; l < 3; ++l) {
-                const int32_t f = s.sides[3 * int64_t(u) + l];
-                if (edge_of[size_t(f)] == u) try_cross(std::min(e, f), std::max(e, f));
-            }
-        }
-    });
-    std::sort(corner.begin(), corner.end());
-    std::sort(cross.begin(), cross.end());
-    for (const auto& [i, t] : corner) {
-        const int32_t* c = s.triangle + 3 * int64_t(t);
-        const V p = at(s, i), a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
-        float which = dot(p - a, cross_product(b - a, d - a)) < 0 ? -1.0f : 1.0f;
+    struct Pair {
+        int32_t a, b;
+        float side;  // of a vertex and a triangle
+        bool firm;
+        bool operator<(const Pair& other) const { return a != other.a ? a < other.a : b < other.b; }
+    };
+    using Pairs = std::vector<Pair>;
+    const auto side_of = [&](int32_t i, int32_t t, double above) {
         int64_t low = 0, high = known;  // the same pair in the frame before
         while (low < high) {
             const int64_t middle = (low + high) / 2;
@@ -322,15 +339,62 @@ void find_near(const Surface& s, const float* v, const Reach& reach, const int32
             if (k[0] < i || (k[0] == i && k[1] < t)) low = middle + 1;
             else high = middle;
         }
-        if (low < known && before[2 * low] == i && before[2 * low + 1] == t) which = side[low];
-        out.corner.insert(out.corner.end(), {i, c[0], c[1], c[2]});
-        out.side.push_back(which);
-        if (dot(way, way) > double(reach.firm) * reach.firm) continue;
-        out.key.insert(out.key.end(), {i, t});
-        out.key_side.push_back(which);
-    }
-    for (const auto& [e, f] : cross) {
+        if (low < known && before[2 * low] == i && before[2 * low + 1] == t) return side[low];
+        return above < 0 ? -1.0f : 1.0f;
+    };
+    const auto try_corner = [&](int32_t i, int32_t t, Pairs& found) {
+        const int32_t* c = s.triangle + 3 * int64_t(t);
+        if (one(c[0], i) || one(c[1], i) || one(c[2], i) || !(free(i) || free(c[0]) || free(c[1]) || free(c[2]))) return;
+        const V p = at(s, i), a = at(s, c[0]), b = at(s, c[1]), d = at(s, c[2]), way = p - nearest(p, a, b, d);
+        if (!meet(way, v, &i, 1, c, 3, reach) || flat(plan.vertex_of[i], t)) return;
+        found.push_back({i, t, side_of(i, t, dot(p - a, cross_product(b - a, d - a))),
+                         dot(way, way) <= double(reach.firm) * reach.firm});
+    };
+    const auto try_cross = [&](int32_t e, int32_t f, Pairs& found) {
         const int32_t *p = s.edge + 2 * int64_t(e), *q = s.edge + 2 * int64_t(f);
+        if (one(p[0], q[0]) || one(p[0], q[1]) || one(p[1], q[0]) || one(p[1], q[1])) return;
+        if (!(free(p[0]) || free(p[1]) || free(q[0]) || free(q[1]))) return;
+        V way;
+        if (!between_edges(s, p, q, way) || !meet(way, v, p, 2, q, 2, reach)) return;
+        if (!flat(plan.edge_of[e], plan.edge_of[f])) found.push_back({e, f, 0.0f, false});
+    };
+    struct Chunk {
+        Pairs corner, cross;
+    };
+    std::vector<Chunk> chunks(size_t((tree.leaves + kChunk - 1) / kChunk));
+    const auto work = [&](int64_t index) {
+        Chunk& chunk = chunks[size_t(index)];
+        const std::unique_ptr<int32_t[]> corner(new int32_t[size_t(2 * near_most(tree))]), cross(new int32_t[size_t(2 * near_most(tree))]);
+        for (int64_t leaf = index * kChunk; leaf < std::min(tree.leaves, (index + 1) * kChunk); ++leaf) {
+            int64_t corners = 0, crosses = 0;
+            kernels.pairs(tree, reach, leaf, corner.get(), &corners, cross.get(), &crosses);
+            for (int64_t n = 0; n < corners; ++n) try_corner(corner[2 * n], corner[2 * n + 1], chunk.corner);
+            for (int64_t n = 0; n < crosses; ++n) {
+                const int32_t e = cross[2 * n], f = cross[2 * n + 1];
+                try_cross(std::min(e, f), std::max(e, f), chunk.cross);
+            }
+        }
+    };
+    each(int64_t(chunks.size()), threads, work);
+    Pairs corner, cross;
+    for (const Chunk& chunk : chunks) {
+        corner.insert(corner.end(), chunk.corner.begin(), chunk.corner.end());
+        cross.insert(cross.end(), chunk.cross.begin(), chunk.cross.end());
+    }
+    std::sort(corner.begin(), corner.end());
+    std::sort(cross.begin(), cross.end());
+    out.corner.reserve(4 * (corner.size() + cross.size()));  // edges come behind them
+    out.side.reserve(corner.size()), out.cross.reserve(4 * cross.size());
+    for (const Pair& found : corner) {
+        const int32_t* c = s.triangle + 3 * int64_t(found.b);
+        out.corner.insert(out.corner.end(), {found.a, c[0], c[1], c[2]});
+        out.side.push_back(found.side);
+        if (!found.firm) continue;
+        out.key.insert(out.key.end(), {found.a, found.b});
+        out.key_side.push_back(found.side);
+    }
+    for (const Pair& found : cross) {
+        const int32_t *p = s.edge + 2 * int64_t(found.a), *q = s.edge + 2 * int64_t(found.b);
         out.cross.insert(out.cross.end(), {p[0], p[1], q[0], q[1]});
     }
 }

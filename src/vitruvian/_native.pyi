@@ -130,6 +130,9 @@ def hand(program: Hand, matrices: Double, out: Single) -> None:
 def cloth_frame(x: Single, v: Single, d: Single, *arrays: object) -> None:
     """One frame of cloth, in place; in the order of `vitruvian.cloth.solver.step`."""
 
+def near_plan(x: Single, triangles: Ints, edges: Ints, sides: Ints) -> tuple[Ints, ...]:
+    """By what `near_cloth` works; it finds the same by any, the faster the nearer cloth still is to what it was near to."""
+
 def near_cloth(
     x: Single,
     v: Single,
@@ -140,6 +143,8 @@ def near_cloth(
     limits: Single,
     before: Ints,
     side: Single,
+    plan: tuple[Ints, ...],
+    threads: int = 0,
 ) -> tuple[Ints, Single, Ints, Single]:
     """Pairs (k,4), sides (c,) of the first, vertices with triangles, and keys (r,2) and sides of those to remember."""
 

@@ -29,8 +29,9 @@ class Groups:
 
 
 def colours(constraints: Ints, vertices: int) -> NDArray[np.int64]:
-    """(c,) of each constraint (c,k): those of one colour share no vertex. Greedy, in order."""
-    taken = [0] * vertices
+    """(c,) of each constraint (c,k): those of one colour share no vertex, but for the one behind the last. Greedy, in
+    order."""
+    taken = [0] * (vertices + 1)
     out = np.empty(len(constraints), np.int64)
     for i, row in enumerate(constraints.tolist()):
         used = 0
@@ -39,6 +40,7 @@ def colours(constraints: Ints, vertices: int) -> NDArray[np.int64]:
         bit = ~used & (used + 1)
         for v in row:
             taken[v] |= bit
+        taken[vertices] = 0
         out[i] = bit.bit_length() - 1
     return out
 
@@ -76,9 +78,22 @@ def membranes(sheet: Sheet) -> tuple[Ints, Floats]:
     return sheet.triangles, np.concatenate([inverse, table / sheet.areas[:, None]], axis=1)
 
 
-def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
-    """Edges between two triangles: (h,4) its ends and what is opposite, and the factors of the four vertices, whose sum is
-    as long as the angle of the bend, and the compliance. Edges of three or more triangles bend freely."""
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Edges between two triangles: index (h,4) its ends and what is opposite, factor (h,4) of the four vertices, whose sum
+    is as long as the angle of the bend; face (h,2) the triangles, side (h,2) which of their edges it is, from corner k to
+    k + 1; across (h,2,2) the edge's normal in the fabric of each, long (h,2) its metres there."""
+
+    index: Ints
+    factor: Floats
+    face: Ints
+    side: Ints
+    across: Floats
+    long: Floats
+
+
+def folds(sheet: Sheet) -> Folds:
+    """Of a sheet; edges of three or more triangles bend freely."""
     t, m = sheet.triangles, sheet.material
     corner = np.concatenate([[(k, (k + 1) % 3, (k + 2) % 3)] for k in range(3)])
     ends = np.concatenate([t[:, [a, b]] for a, b, _ in corner])
@@ -92,32 +107,94 @@ def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
     one, other = order[two], order[two + 1]
     good = (sheet.areas[face[one]] > 0) & (sheet.areas[face[other]] > 0)
     one, other = one[good], other[good]
-    inner = np.maximum(np.bincount(face[np.concatenate([one, other])], minlength=len(t)), 1)
-    factor, total, stiff, size, rim = np.zeros((len(one), 4)), 0.0, 0.0, 0.0, 0.0
+    factor = np.zeros((len(one), 4))
     index = np.stack([low[one], high[one], low[one], high[one]], axis=1)
+    across, long = np.zeros((len(one), 2, 2)), np.zeros((len(one), 2))
     for k, side in enumerate((one, other)):
         f, a, b, c = face[side], *(corner[which[side], i] for i in range(3))
         swap = t[f, a] != low[one]  # the edge runs the other way in this triangle
         a, b = np.where(swap, b, a), np.where(swap, a, b)
         pa, pb, pc = m[f, a], m[f, b], m[f, c]
         edge = pb - pa
-        long = np.linalg.norm(edge, axis=1)
-        height = 2 * sheet.areas[f] / long
-        along = np.sum((pc - pa) * edge, axis=1) / long
-        factor[:, 0] += (long - along) / height / long  # cotangents of the angles at the far ends
-        factor[:, 1] += along / height / long
+        long[:, k] = np.linalg.norm(edge, axis=1)
+        height = 2 * sheet.areas[f] / long[:, k]
+        along = np.sum((pc - pa) * edge, axis=1) / long[:, k]
+        factor[:, 0] += (long[:, k] - along) / height / long[:, k]  # cotangents of the angles at the far ends
+        factor[:, 1] += along / height / long[:, k]
         factor[:, 2 + k] = -1 / height
         index[:, 2 + k] = t[f, c]
-        across = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / long[:, None]
-        bend = np.array([[g.bend_u, g.bend_v] for g in sheet.fabrics])[sheet.fabric[f]]
-        stiff = stiff + 0.5 * np.sum(bend * across**2, axis=1)
-        total, size = total + sheet.areas[f], size + 0.5 * long
-        rim = (
-            rim + sheet.areas[f] * 3 / inner[f]
-        )  # a triangle at the rim bends about fewer edges, of which each does more
+        across[:, k] = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / long[:, k, None]
+    return Folds(
+        index.astype(np.int32), factor, face[np.stack([one, other], axis=1)], which[np.stack([one, other], axis=1)],
+        across, long,
+    )  # fmt: skip
+
+
+def hinges(sheet: Sheet) -> tuple[Ints, Floats]:
+    """Edges between two triangles: (h,4) its ends and what is opposite, and the factors of the four vertices, whose sum is
+    as long as the angle of the bend, and the compliance. Edges of three or more triangles bend freely."""
+    f = folds(sheet)
+    inner = np.maximum(np.bincount(f.face.ravel(), minlength=len(sheet.triangles)), 1)
+    area, stiffness = sheet.areas[f.face], _bending(sheet)[sheet.fabric[f.face]]
+    total, size, stiff = area.sum(axis=1), f.long.mean(axis=1), 0.5 * np.sum(stiffness * f.across**2, axis=(1, 2))
+    # a triangle at the rim bends about fewer edges, of which each does more
+    rim = np.sum(area * 3 / inner[f.face], axis=1)
     some = stiff > 0
     compliance = total * total / np.where(some, stiff * size * size * rim, 1)
-    return index[some].astype(np.int32), np.concatenate([factor, compliance[:, None]], axis=1)[some]
+    return f.index[some], np.concatenate([f.factor, compliance[:, None]], axis=1)[some]
+
+
+def _bending(sheet: Sheet) -> Floats:
+    return np.array([[f.bend_u, f.bend_v] for f in sheet.fabrics])
+
+
+def shapes(sheet: Sheet) -> tuple[Ints, Floats]:
+    """Triangles with what is opposite across their edges, (c,6), and for each three sums of those, (c,18), whose squares
+    are twice its energy, and their compliance, 1.
+
+    Source: note cloth.md, 4.3, `bend="shape"`: the curvature S of a triangle is that of its folds, S = sum c_i l_i / (2 A)
+    n_i n_i^T with n_i the normals of its edges, and the energy A/2 (Bu S_uu^2 + Bv S_vv^2 + (Bu + Bv) S_uv^2); c_i here the
+    vectors of `folds` in place of angles, which makes it quadratic. At a rim no moment bends across it, so the curvature
+    there takes the value of least energy.
+    """
+    f, m, n = folds(sheet), len(sheet.triangles), sheet.count
+    index = np.concatenate([sheet.triangles, np.full((m, 3), n, np.int32)], axis=1)
+    sums = np.zeros((m, 3, 6))
+    own = np.arange(m)
+    free = np.ones((m, 3), bool)
+    e = np.roll(sheet.material, -1, axis=1) - sheet.material
+    normal = np.stack([-e[..., 1], e[..., 0]], axis=-1) / np.linalg.norm(e, axis=-1, keepdims=True)
+    tensor = np.stack([normal[..., 0] ** 2, normal[..., 1] ** 2, 2 * normal[..., 0] * normal[..., 1]], axis=-1)
+    for k in (0, 1):
+        face, side = f.face[:, k], f.side[:, k]
+        free[face, side] = False
+        index[face, 3 + side] = f.index[:, 3 - k]
+        weight = (f.long[:, k] / (2 * sheet.areas[face]))[:, None] * tensor[face, side]
+        for j in range(4):
+            if j == 3 - k:
+                place = 3 + side
+            else:
+                place = np.argmax(sheet.triangles[face] == f.index[:, [j]], axis=1)
+            for row in range(3):
+                np.add.at(sums[:, row], (face, place), weight[:, row] * f.factor[:, j])
+    for i in range(3, 6):  # two neighbours may have the same vertex across
+        for j in range(i + 1, 6):
+            both = (index[:, i] == index[:, j]) & (index[:, i] < n)
+            sums[both, :, i] += sums[both, :, j]
+            sums[both, :, j], index[both, j] = 0, n
+    bend = _bending(sheet)[sheet.fabric]
+    stiff = np.zeros((m, 3, 3))
+    stiff[own, 0, 0], stiff[own, 1, 1], stiff[own, 2, 2] = bend[:, 0], bend[:, 1], bend.sum(axis=1) / 4
+    for k in range(3):
+        moment = np.einsum("mij,mj->mi", stiff, tensor[:, k])
+        against = np.sum(moment * tensor[:, k], axis=1)
+        some = free[:, k] & (against > 1e-9 * bend.sum(axis=1))
+        stiff[some] -= np.einsum("mi,mj->mij", moment[some], moment[some]) / against[some, None, None]
+    value, way = np.linalg.eigh(stiff)
+    root = np.sqrt(np.maximum(value, 0) * sheet.areas[:, None])[:, :, None] * np.swapaxes(way, 1, 2)
+    sums = root @ sums
+    some = (bend.sum(axis=1) > 0) & (np.abs(sums).max(axis=(1, 2)) > 0)
+    return index[some], np.concatenate([sums.reshape(m, 18), np.ones((m, 1))], axis=1)[some]
 
 
 def yielding(groups: Groups, sheet: Sheet, inverse_mass: Single) -> Floats:

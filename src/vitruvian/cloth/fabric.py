@@ -52,6 +52,12 @@ class Fabric:
         limit = f"less than the root of stretch_u / stretch_v, {stiff**0.5:.2g}"
         require(self.poisson**2 < stiff, f"fabric {self.name}: poisson", limit, f"{self.poisson:g}")
 
+    @property
+    def bends_by(self) -> str:
+        """How it is best bent: "shape" where weft and warp differ by more than twice (note cloth.md, 4.3), else "hinge"."""
+        low, high = sorted((self.bend_u, self.bend_v))
+        return "shape" if high > 2 * low else "hinge"
+
 
 def _preset(
     name: str, density: float, u: float, v: float, shear: float, bu: float, bv: float, mm: float, mu: float

@@ -14,7 +14,8 @@ SUDDEN = 0.25  # strain that a step takes away at most
 
 def cloth_frame(
     x: Single, v: Single, d: Single, membrane_force: Single, bends: int, carry: float,
-    membrane: Ints, membrane_rest: Single, hinge: Ints, hinge_rest: Single, tether: Ints, tether_rest: Single,
+    membrane: Ints, membrane_rest: Single, hinge: Ints, hinge_rest: Single,
+    shape: Ints, shape_rest: Single, tether: Ints, tether_rest: Single,
     dt: float, substeps: int, gravity: Single, damping: float, limit: float,
     pin: Ints, pin_path: Single, pair: Ints, pair_rest: Single,
     triangle: Ints, neighbour: Ints, before: Single, after: Single, offset: float, most: float, reach: float,
@@ -49,6 +50,8 @@ def cloth_frame(
         if s % bends == 0:
             for index, rest in zip(hinge, hinge_rest):
                 _hinge(at, w, index, rest.astype(np.float64), h * min(bends, substeps - s) ** 0.5)
+            for index, rest in zip(shape, shape_rest):
+                _shape(at, w, index, rest.astype(np.float64), h * min(bends, substeps - s) ** 0.5)
         begin = at.copy()
         at += carry * d[:, :3]
         for index, rest, force in zip(membrane, membrane_rest, membrane_force):
@@ -109,6 +112,13 @@ def _hinge(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
     both = np.maximum(np.sum(w[index] * factor**2, axis=0) + rest[4] / (h * h), 1e-30)
     share = -np.einsum("vl,vlx->lx", factor, at[index]) / both[:, None]
     _add(at, index, (w[index] * factor)[..., None] * share)
+
+
+def _shape(at: Floats, w: Floats, index: Ints, rest: Floats, h: float) -> None:
+    sums = rest[:18].reshape(3, 6, -1)
+    matrix = np.einsum("ivl,vl,jvl->lij", sums, w[index], sums) + (rest[18] / (h * h))[:, None, None] * np.eye(3)
+    share = -np.linalg.solve(matrix, np.einsum("ivl,vlx->lix", sums, at[index]))
+    _add(at, index, w[index][..., None] * np.einsum("ivl,lix->vlx", sums, share))
 
 
 def _tether(at: Floats, w: Floats, index: Ints, rest: Floats) -> None:

@@ -35,6 +35,11 @@ def shares(x: Floats, corner: Floats) -> Floats:
     return out
 
 
+def near_plan(x: Single, triangles: Ints, edges: Ints, sides: Ints) -> tuple[Ints, ...]:
+    """None is needed here."""
+    return ()
+
+
 def near_cloth(
     x: Single,
     v: Single,
@@ -45,8 +50,10 @@ def near_cloth(
     limits: Single,
     before: Ints,
     side: Single,
+    plan: tuple[Ints, ...] = (),
+    threads: int = 0,
 ) -> tuple[Ints, Single, Ints, Single]:
-    """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h."""
+    """As the kernel: vertices and triangles, then edges, that may meet. See src/native/near_cloth.h. One thread."""
     p, u = x[:, :3].astype(np.float64), v[:, :3].astype(np.float64)
     still, time, moving, firm = (float(value) for value in limits)
 
