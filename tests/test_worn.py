@@ -352,11 +352,34 @@ def test_a_border_that_jumps_is_seen():
     assert proof.jumps(edges, np.zeros(4, int), x) == 0  # without borders none jumps
 
 
-def test_what_was_found_out_is_kept_with_the_garment(tmp_path):
-    """The second time, and from its file, a garment is ready at once, and the same to the bit."""
+@pytest.fixture(scope="module")
+def skirted():
+    """A person, her body, and a coarse skirt."""
     person = vt.person(outfit=None, hair="none", loa=1)
     body = vt.pack(person)
-    made = tailor(drafted("skirt", measures(person).values), body, size=0.03)
+    return person, body, tailor(drafted("skirt", measures(person).values), body, size=0.03)
+
+
+def test_clothes_go_on_when_a_walk_begins_again(skirted):
+    person, body, made = skirted
+    clip = vt.Clip(person, body, vt.walk(body.skeleton, cycles=1), garment=made)
+    stage = vt.Stage([clip], rate=60)
+    cloth = next(n for n, a in stage.actors.items() if a.on is not None)
+    places, rounds, rate = [], [], 60
+    for _ in range(2 * rate + 10):
+        frame = stage.step()
+        places.append(frame[cloth].points)
+        rounds.append(stage.actors[cloth].on.round)
+    assert max(rounds) >= 1  # once round
+    way = np.linalg.norm(np.diff(np.array(places), axis=0), axis=2)
+    mean, new = way.mean(axis=1), np.flatnonzero(np.diff(rounds))
+    assert all(mean[k] < 2 * np.median(mean) for k in new)
+    assert np.ptp(np.array(places).mean(axis=1)[:, 2]) > 1  # she has come somewhere, and her skirt with her
+
+
+def test_what_was_found_out_is_kept_with_the_garment(skirted, tmp_path):
+    """The second time, and from its file, a garment is ready at once, and the same to the bit."""
+    _, body, made = skirted
     who = wear.wearer(deformer("log", body))
     prepared = wear.wear(made, who)
     kept = wear.hung(prepared)

@@ -114,6 +114,7 @@ void cloth_limbs(const ClothLimbs& job) {
 // Puts vertices that are nearer to the body, as it is at the frame's end, than they may be straight away from it.
 void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x) {
     for (int64_t i = 0; i < count; ++i) {
+        if (body.nearest[i] < 0) continue;
         float* at = x + 3 * int64_t(vertex[i]);
         Foot foot;
         walk(body, at, body.nearest[i], 1.0f, foot);

@@ -30,8 +30,8 @@ def cloth_clear(
     """Moves some vertices (k,) of x (n,3) straight away from a body, surface (V,6) points and normals, until they are
     `offset` metres from it, and less and less far from a third of `deep` inside on, to nothing there.
 
-    nearest (k,): triangles (t,3) from which the kernel goes on, over neighbours (t,3), as long as it comes nearer; this
-    twin asks all triangles.
+    nearest (k,): triangles (t,3) from which the kernel goes on, over neighbours (t,3), as long as it comes nearer; -1 for
+    what stays. This twin asks all triangles.
     """
     import igl
 
@@ -47,7 +47,7 @@ def cloth_clear(
     away = np.where(_dot(at - foot, normal)[:, 0] < 0, -apart, apart)
     far = apart > 1e-5
     normal[far] = (at[far] - foot[far]) / away[far, None]
-    some = (away < offset) & (away >= -deep)
+    some = (away < offset) & (away >= -deep) & (nearest >= 0)
     part = np.minimum(1.5 * (1 + away / deep), 1)[:, None]
     x[vertex[some]] = (at + part * (foot + offset * normal - at))[some]
 

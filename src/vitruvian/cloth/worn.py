@@ -6,7 +6,7 @@ Source: seed 003, section 5.3.2; note cloth.md, section 7. All of it is in human
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -135,6 +135,20 @@ def begun(worn: Worn, skin: Skin, joints: Floats, below: Skin | None = None) -> 
         None if limbs is None else about.begun(x[limbs.vertices], foot[limbs.vertices]),
         None if rough is None else rough.cloth.state(x[rough.vertices]),
         None if floating is None else floating.cloth.state(x[floating.vertices]),
+    )  # fmt: skip
+
+
+def shifted(now: Now, by: Floats) -> Now:
+    """The same elsewhere: all of it moved by (3,) metres, and as fast as it was."""
+    if not np.any(by):
+        return now
+    b = np.asarray(by, np.float32)
+    there = lambda s: None if s is None else replace(s, x=s.x + b)  # noqa: E731
+    skin = now.skin.at(now.skin.points + b, now.skin.normals)
+    met = skin if now.met is now.skin else now.met.at(now.met.points + b, now.met.normals)
+    return replace(
+        now, x=now.x + b, skin=skin, met=met, foot=now.foot + b, joints=now.joints + np.asarray(by, np.float64),
+        rough=there(now.rough), floating=there(now.floating),
     )  # fmt: skip
 
 

@@ -295,7 +295,8 @@ def _still(actor: Actor, mesh: Mesh, warm: list[Block], told: dict[str, Any]) ->
         "displacers": [],
         "parts": [_part(part)],
     }
-    fields["features"] = features()
+    if actor.on is None:
+        fields["features"] = features()
     return encode("mesh", fields | {"deformer": "", "travel": way, "on": on, "frames": 1, "fps": 30.0}, blocks)
 
 

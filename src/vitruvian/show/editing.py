@@ -6,6 +6,7 @@ at it, proposes seams, drapes it, and saves it where the desk was opened to save
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import threading
@@ -36,6 +37,7 @@ from vitruvian.show.wire import VERSION, Block, encode, quantise
 
 MAX_TEXT = 8 << 20  # characters of a document that a page may send
 MAX_FINDINGS = 300
+PATIENCE = 5.0  # seconds for a thread to end
 LOOK = 0.12  # seconds between two pictures of cloth that falls
 # What the page may ask for, see `wire.parse_request`.
 REQUESTS: dict[str, dict[str, tuple[str, float, float]]] = {
@@ -94,6 +96,7 @@ class Editing:
         self._drape: _Drape | None = None
         self._stride: Stride | None = None
         self._dummy: Dummy | None = None
+        atexit.register(self.close)  # threads in the kernels must not outlive the interpreter
 
     @property
     def dummy(self) -> Dummy:
@@ -177,6 +180,13 @@ class Editing:
             self._drape.stop()
         if self._stride is not None:
             self._stride.stop()
+
+    def close(self) -> None:
+        """End what runs, and wait for it."""
+        self.stop()
+        for one in (self._drape, self._stride):
+            if one is not None:
+                one.thread.join(PATIENCE)
 
     def _hear_stride(self, kind: str, fields: dict[str, Any], blocks: list[Block]) -> None:
         self.tell(kind, encode(kind, fields, blocks))
@@ -269,7 +279,8 @@ class _Drape:
         self.seq, self.stopping = desk._seq, threading.Event()
         self.what, self.share, self.looked = "meshing", 0.0, 0.0
         self.made: Garment | None = None
-        threading.Thread(target=self._run, name="vitruvian drape", daemon=True).start()
+        self.thread = threading.Thread(target=self._run, name="vitruvian drape", daemon=True)
+        self.thread.start()
 
     def stop(self) -> None:
         self.stopping.set()

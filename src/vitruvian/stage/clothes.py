@@ -20,7 +20,7 @@ from vitruvian.body.types import Floats
 from vitruvian.cloth.garment import Garment, charted
 from vitruvian.cloth.solver import FRAME
 from vitruvian.cloth.wear import Prepared, Wearer, entered, wear, wearer
-from vitruvian.cloth.worn import Now, begun, moved
+from vitruvian.cloth.worn import Now, begun, moved, shifted
 from vitruvian.deform.normals import Incidence, incidence, mesh_normals
 from vitruvian.errors import VitruvianError
 from vitruvian.stage.actor import Actor
@@ -55,6 +55,7 @@ class Dress:
     cloth: Cloth
     now: Now | None = None
     matrices: Floats | None = None
+    round: int = 0  # of the wearer's motion
     shared: dict[str, NDArray] = field(default_factory=dict)  # of it and what is below
 
     def show(self, stage: Stage) -> None:
@@ -95,6 +96,9 @@ class Wardrobe:
         met = skin
         for k, dress in enumerate(dresses):
             worn = dress.prepared.worn
+            if dress.now is not None and dress.round != actor.round:  # a walk begins again where it began
+                dress.now = shifted(dress.now, (dress.round - actor.round) * actor.travel)
+            dress.round = actor.round
             if dress.now is None:
                 dress.now = entered(dress.prepared, person, draft.matrices)
             if dress.matrices is None or stage.leapt:

@@ -328,7 +328,7 @@ class Page {
 
   walked({ state, message }) {
     this.walking = state === "dressing" || state === "walking";
-    press("walk", this.walking);
+    $("walk").setAttribute("aria-pressed", String(this.walking));
     $("falling").hidden = state !== "dressing";
     if (state === "dressing") { $("falling").children[0].removeAttribute("value"); $("falling").children[1].textContent = "dressing\u2026"; }
     if (state === "failed") this.notice(message, "bad");
