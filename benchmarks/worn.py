@@ -58,7 +58,7 @@ def people(quick: bool) -> tuple[list[tuple[vt.Clip, tuple[Prepared, ...]]], flo
 
 def ticks(some: list[tuple[vt.Clip, tuple[Prepared, ...]]], count: int) -> list[float]:
     """Seconds of each tick, skin, cloth and normals."""
-    stage = vt.Stage([clip for clip, _ in some])
+    stage = vt.Stage([clip for clip, _ in some], rate=60)
     for name, (_, prepared) in zip(list(stage.actors), some):
         dressed(stage, name, prepared)
     out = []

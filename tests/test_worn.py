@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import vitruvian as vt
+from vitruvian.cli import app
 from vitruvian.cloth import layers, layers_numpy, limbs, moving, proof, rough, wear, worn
 from vitruvian.cloth.binding import bind
 from vitruvian.cloth.drafting import drafted
@@ -19,6 +21,7 @@ from vitruvian.errors import VitruvianError
 from vitruvian.formats.garment_file import Kept, read_garment, write_garment
 from vitruvian.modeling.measures import measures
 from vitruvian.native import kernels
+from vitruvian.show.proof_view import sheet
 
 RADIUS, ROOM = 0.05, 0.015
 rng = np.random.default_rng(8)
@@ -375,6 +378,34 @@ def test_clothes_go_on_when_a_walk_begins_again(skirted):
     mean, new = way.mean(axis=1), np.flatnonzero(np.diff(rounds))
     assert all(mean[k] < 2 * np.median(mean) for k in new)
     assert np.ptp(np.array(places).mean(axis=1)[:, 2]) > 1  # she has come somewhere, and her skirt with her
+
+
+def test_a_proof_compares_with_the_full_simulation(skirted, tmp_path):
+    person, body, made = skirted
+    who = wear.wearer(deformer("log", body))
+    prepared = wear.wear(made, who)[-1]
+    matrices = vt.joint_matrices(body.skeleton, vt.walk(body.skeleton, cycles=1))[:6]
+    found = proof.proven(prepared, who, matrices, dt=1 / 30)
+    n = len(made.vertices)
+    assert found.layered.shape == found.full.shape == (6, n, 3) and found.far.shape == found.off.shape == (6, n)
+    assert (found.off <= found.far + 1e-6).all() and 0 < found.off.mean() < 0.03
+    figures = found.summary()
+    assert sum(figures["vertices"].values()) == n and figures["share"] > 0
+    skins = [who.at(m)[0].points for m in matrices]
+    pixels = sheet(found, skins, who.skin.triangles, made.triangles, tmp_path / "proof.png", height=160)
+    colored = np.abs(pixels.astype(int) - pixels.mean(axis=2, keepdims=True)).max(axis=2) > 40
+    assert colored.mean() > 0.01 and (tmp_path / "proof.png").stat().st_size > 5000
+    with pytest.raises(VitruvianError, match="png"):
+        sheet(found, skins, who.skin.triangles, made.triangles, tmp_path / "proof.jpg")
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [(["--proof", "x.pdf"], ".png or .json"), (["--proof", "x.png"], "--garment")]
+)
+def test_proofs_that_cannot_be_are_refused(more, said, tmp_path):
+    args = ["animate", "person", "walk", "-o", str(tmp_path / "x.glb"), *more]
+    done = CliRunner().invoke(app, args + (["--garment", "tshirt"] if said.startswith(".") else []))
+    assert done.exit_code != 0 and isinstance(done.exception, VitruvianError) and said in str(done.exception)
 
 
 def test_what_was_found_out_is_kept_with_the_garment(skirted, tmp_path):

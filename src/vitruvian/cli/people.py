@@ -11,7 +11,7 @@ import typer
 from vitruvian.cli import app
 from vitruvian.cli.capture import Fps, Skeleton, Unit, Up, no_joints, said
 from vitruvian.cli.output import Bake, Json, Out, Tolerance, baked, baking, count, emit, progress
-from vitruvian.cli.wearing import Fabrics, Garments, clothes_of, dressed_in, fit_of, told
+from vitruvian.cli.wearing import Fabrics, Garments, Proof, clothes_of, dressed_in, fit_of, proof, provable, told
 from vitruvian.errors import VitruvianError
 
 if TYPE_CHECKING:
@@ -179,6 +179,7 @@ def animate(
     skeleton: Path | None = Skeleton,
     garment: list[str] = Garments,
     fabric: list[str] = Fabrics,
+    proven: Path | None = Proof,
     bake: bool = Bake,
     tolerance: float | None = Tolerance,
     as_json: bool = Json,
@@ -198,6 +199,7 @@ def animate(
     from vitruvian.stage.clip import Clip
 
     start = time.perf_counter()
+    provable(garment, proven)
     options = said(motion, unit, up, fps, None, skeleton)
     humanoid = _bare(body, repair) if garment else subject(body, repair=repair)
     packed = pack(humanoid)
@@ -218,10 +220,17 @@ def animate(
     reasons, able = fit_of(shown.garment)
     if garment:
         document["reasons"] = reasons
+    shown_proof = []
+    if proven is not None:
+        document["proof"] = figures = proof(shown, proven)
+        shown_proof = [
+            f"{proven}: {figures['from_full_surface_mm']} mm from the full simulation, {figures['inside']} points in the "
+            f"skin, strain {figures['strain_p99']:.0%}, {figures['share']:.0%} of its cost"
+        ]
     text = (
         f"wrote {out}: {count(document['frames'], 'frame')} at {moved.fps:g} per second; feet slide "
         f"{document['foot_slide_mm']:.1f} mm per frame at most and sink {document['floor_penetration_mm']:.1f} mm"
     )
-    emit(document, "\n".join([text, *baked(report), *told(report), *reasons]), as_json)
+    emit(document, "\n".join([text, *baked(report), *told(report), *shown_proof, *reasons]), as_json)
     if not able:
         raise typer.Exit(1)

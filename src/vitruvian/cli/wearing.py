@@ -25,6 +25,13 @@ Garments = typer.Option(
     help="Wear this: a draft (tshirt, shirt, skirt, ...; see pattern list), a pattern's file, or what dress kept as "
     ".garment.npz. Once for each, innermost first.",
 )
+Proof = typer.Option(
+    None,
+    "--proof",
+    metavar="FILE",
+    help="Also simulate the outermost garment wholly, and show how far from that it is "
+    "in real time: .png or .json (figures).",
+)
 Fabrics = typer.Option(["cotton"], "--fabric", help="Of the garments, as in dress; once for each garment.")
 
 
@@ -98,6 +105,45 @@ def clothes_of(clip: Clip, out: Path, *, bake: bool = False) -> Clip:
         raise VitruvianError(f"--garment: expected a file that clothes move in ({kinds}), found {out}")
     with progress("moving the clothes") as bar:
         return replace(clip, caches=moved(clip, deformer=shown_by(out, clip.deformer, bake=bake), progress=bar))
+
+
+def proof(clip: Clip, out: Path) -> dict[str, Any]:
+    """Write how near the outermost garment of a clip, worn in layers, comes to itself wholly simulated; the figures."""
+    import json
+
+    from vitruvian.body.kinematics import joint_matrices
+    from vitruvian.cloth.proof import proven
+    from vitruvian.cloth.wear import wear, wearer
+    from vitruvian.deform.deformer import deformer
+    from vitruvian.formats.atomic import atomic
+
+    assert clip.garment is not None and clip.motion is not None
+    person = wearer(deformer(clip.deformer, clip.body))
+    every = max(1, round(clip.motion.fps / 60))
+    matrices = joint_matrices(clip.body.skeleton, clip.motion)[::every]
+    worn = wear(clip.garment, person)[-1]
+    with progress("proving the clothes") as bar:
+        found = proven(
+            worn, person, matrices, dt=every / clip.motion.fps, progress=lambda share: bar(round(1000 * share), 1000)
+        )
+    figures = dict(found.summary())
+    if out.suffix.lower() == ".json":
+        with atomic(out) as part:
+            part.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    else:
+        from vitruvian.show.proof_view import sheet
+
+        skins = [person.at(m)[0].points for m in matrices]
+        sheet(found, skins, person.skin.triangles, worn.garment.triangles, out)
+    return figures
+
+
+def provable(garments: Sequence[str], out: Path | None) -> None:
+    """VitruvianError, before any work, for a proof that cannot be."""
+    if out is not None and out.suffix.lower() not in (".png", ".json"):
+        raise VitruvianError(f"--proof {out}: expected .png or .json")
+    if out is not None and not garments:
+        raise VitruvianError("--proof: expected something to wear, --garment tshirt")
 
 
 SHOWN = (".html", ".png", ".mp4", ".gif", ".webp")  # what we draw ourselves

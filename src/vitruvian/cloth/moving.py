@@ -139,17 +139,18 @@ class Passing:
     def nearest(self, points: Floats) -> tuple[Floats, Ints]:
         """Distances (n,) of points (n,3) to the middles of the triangles that they meet of the skin as it is at the begin,
         and which those are (n,): from there the solver goes on to what is nearest."""
-        body, arms = self.skin.parts
-        if not len(arms) or not len(body):
-            return _nearest(points, self.before, arms if len(arms) else body)
+        parts = [_Middles(self.before, faces, points) for faces in self.skin.parts]
+        if not len(parts[0].faces) or not len(parts[1].faces):
+            return (parts[0] if len(parts[0].faces) else parts[1]).nearest(points)
         far, face = np.empty(len(points)), np.empty(len(points), np.int32)
-        for some, own, other in ((~self.home, body, arms), (self.home, arms, body)):
+        for some, own, other in ((~self.home, parts[0], parts[1]), (self.home, parts[1], parts[0])):
             if not some.any():
                 continue
-            far[some], face[some] = _nearest(points[some], self.before, own)
-            away, on = _nearest(points[some], self.before, other)
+            at = points[some]
+            far[some], face[some] = own.nearest(at)
+            away, on = other.nearest(at)
             corner = self.triangles[on, 0]
-            up = np.einsum("nx,nx->n", points[some] - self.before.points[corner], self.before.normals[corner])
+            up = np.einsum("nx,nx->n", at - self.before.points[corner], self.before.normals[corner])
             facing = np.einsum("nx,nx->n", self._middle(face[some]), self._middle(on)) < 0
             meets = (away < far[some]) & (up > -SHALLOW) & ~(facing & (away + far[some] < PINCH))
             far[some], face[some] = np.where(meets, away, far[some]), np.where(meets, on, face[some])
@@ -161,20 +162,24 @@ class Passing:
         return n[corner[:, 0]] + n[corner[:, 1]] + n[corner[:, 2]]
 
 
-def _nearest(points: Floats, skin: Skin, faces: Ints) -> tuple[Floats, Ints]:
-    """Of points (n,3): how far the middle of the nearest of the faces is, and which. Those far from all are left out."""
-    from scipy.spatial import cKDTree
+class _Middles:
+    """Where the middles of some faces of a skin are, those far from all points (n,3) left out."""
 
-    corner = skin.triangles[faces]
-    x = skin.points[corner[:, 0]]
-    low, high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
-    some = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
-    if not len(some):
-        some = np.arange(len(faces))
-    corner = corner[some]
-    middle = (skin.points[corner[:, 0]] + skin.points[corner[:, 1]] + skin.points[corner[:, 2]]) / 3
-    far, near = cKDTree(middle, balanced_tree=False, compact_nodes=False).query(points)
-    return far, faces[some[near]]
+    def __init__(self, skin: Skin, faces: Ints, points: Floats):
+        from scipy.spatial import cKDTree
+
+        x = skin.points[skin.triangles[faces, 0]]
+        low, high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
+        some = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
+        self.faces = faces[some] if len(some) else faces
+        corner = skin.triangles[self.faces]
+        middle = (skin.points[corner[:, 0]] + skin.points[corner[:, 1]] + skin.points[corner[:, 2]]) / 3
+        self.tree = cKDTree(middle, balanced_tree=False, compact_nodes=False)
+
+    def nearest(self, points: Floats) -> tuple[Floats, Ints]:
+        """Of points (n,3): how far the nearest is, and whose."""
+        far, near = self.tree.query(points)
+        return far, self.faces[near]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.layers import FLOATING, NAMES
 from vitruvian.cloth.moving import Skin
 from vitruvian.cloth.sheet import strains
-from vitruvian.cloth.solver import FRAME
+from vitruvian.cloth.solver import FRAME, substeps_for
 from vitruvian.cloth.wear import Prepared, Wearer, entered
-from vitruvian.cloth.worn import Now, moved, simulated
+from vitruvian.cloth.worn import STEPS, Now, moved, simulated
 
 DEEP = 0.001  # metres inside the skin that count
 ABOVE = 0.0005  # metres over a foot, where it is seen whether that is under other skin
@@ -77,8 +77,8 @@ def proven(
     prepared: Prepared, person: Wearer, matrices: Floats, *, dt: float = FRAME, gap: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Proof:  # fmt: skip
-    """A garment on a body under joint matrices (F,J,4,4), a frame each `dt` seconds, in its layers and wholly simulated,
-    then `gap` metres from itself (0: through itself); `progress` is told the share that is done."""
+    """A garment on a body under joint matrices (F,J,4,4), a frame each `dt` seconds, in its layers and wholly simulated, in
+    sixtieths of a second, then `gap` metres from itself (0: through itself); `progress` is told the share that is done."""
     worn = prepared.worn
     every = np.full(len(worn.layer), FLOATING, np.int32)
     home = person.skin.side[worn.corner[:, 0]] > 0
@@ -90,12 +90,18 @@ def proven(
     places: list[list[NDArray[np.float32]]] = [[now[0].x], [now[1].x]]
     took: list[list[float]] = [[], []]
     depth = [_depths(now[0].skin, now[0], home)]
+    assert whole.floating is not None
+    steps = (STEPS, substeps_for(whole.floating.cloth))  # as many as dress takes
+    pieces = max(1, int(np.ceil(dt / FRAME - 1e-6)))
     for k in range(1, len(matrices)):
         skin, joints = person.at(matrices[k])
         for i, w in enumerate((worn, whole)):
-            begun = time.perf_counter()
-            now[i] = moved(w, now[i], skin, joints, dt=dt)
-            took[i].append(time.perf_counter() - begun)
+            begun, first, where = time.perf_counter(), now[i].skin, now[i].joints
+            for p in range(1, pieces + 1):
+                part = p / pieces
+                there = first.toward(skin, part)
+                now[i] = moved(w, now[i], there, where + part * (joints - where), dt=dt / pieces, steps=steps[i])
+            took[i].append((time.perf_counter() - begun) / pieces)
             places[i].append(now[i].x)
         depth.append(_depths(skin, now[0], home))
         if progress is not None:

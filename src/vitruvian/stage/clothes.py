@@ -40,10 +40,18 @@ class Cloth:
     """What a garment's actor is drawn with: its normals follow from its points."""
 
     around: Incidence
+    last: list[tuple[Single, Single]] = field(
+        default_factory=list
+    )  # points and their normals, which are asked for twice
 
     def normals(self, vertices: Single) -> Single:
         """(n,3) unit normals of points (n,3)."""
-        return mesh_normals(self.around, vertices[None])[0]
+        for points, found in tuple(self.last):
+            if points is vertices:
+                return found
+        made = mesh_normals(self.around, vertices[None])[0]
+        self.last[:] = [(vertices, made)]
+        return made
 
 
 @dataclass(eq=False)
