@@ -154,6 +154,7 @@ struct PoseFrame {
     void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x);              \
     void cloth_feet(const ClothFeet& feet, int64_t first, int64_t last);                                              \
     void cloth_limbs(const ClothLimbs& job);                                                                          \
+    void cloth_pinch(const ClothBody& body, const ClothPinch& job);                                                   \
     void near_boxes(const NearTree& tree);                                                                            \
     void near_pairs(const NearTree& tree, const Reach& reach, int64_t leaf, int32_t* corner, int64_t* corners,        \
                     int32_t* cross, int64_t* crosses);                                                                \

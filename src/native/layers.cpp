@@ -136,4 +136,53 @@ void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, fl
     }
 }
 
+namespace {
+
+// How far x is out of the body, by what is nearest to it; goes on from triangle `near` and leaves there which that is.
+// Beyond where a part of the body ends it is out of it.
+inline float out_of(const ClothBody& body, const Vector& x, int32_t& near, Foot& foot, Vector& m) {
+    walk(body, &x.x, near, 1.0f, foot);
+    near = foot.triangle;
+    m = {0, 0, 0};
+    for (int k = 0; k < 3; ++k) {
+        const int32_t across = body.neighbour[3 * int64_t(near) + k];
+        if (across < 0 && foot.share[(k + 2) % 3] <= 0) return body.offset;
+        m = m + foot.share[k] * at(body.after + 6 * int64_t(body.triangle[3 * int64_t(near) + k]) + 3);
+    }
+    m = unit(m);
+    return dot(x - at(foot.now), m);
+}
+
+}  // namespace
+
+// Draws vertices that other skin has closed in on towards their feet, until they are out of it: between both where there is
+// less room than that.
+void cloth_pinch(const ClothBody& body, const ClothPinch& job) {
+    for (int64_t i = 0; i < job.count; ++i) {
+        if (body.nearest[i] < 0) continue;
+        const int64_t v = job.vertex[i];
+        const Vector foot = at(job.foot + 3 * v), way = at(job.x + 3 * v) - foot;
+        int32_t near = body.nearest[i];
+        Foot other;
+        Vector m;
+        int edge = -1;
+        if (measure(body, job.x + 3 * v, near, 1.0f, other, edge) > job.far * job.far) continue;
+        float now = out_of(body, foot + way, near, other, m), share = 1;
+        if (now >= body.offset) continue;
+        if (now < 0) {
+            float low = 0;
+            for (int pass = 0; pass < 5; ++pass) {
+                const float half = 0.5f * (low + share);
+                now = out_of(body, foot + half * way, near, other, m);
+                (now < 0 ? share : low) = half;
+            }
+            share = low;
+            now = out_of(body, foot + share * way, near, other, m);
+        }
+        const float high = dot(foot - at(other.now), m), least = high < 2 * body.offset ? 0.5f * high : body.offset;
+        if (high > now && now < least) share *= high > 0 ? (high - least) / (high - now) : 0;
+        put(job.x + 3 * v, foot + share * way);
+    }
+}
+
 }  // namespace vt::VT_NS

@@ -26,4 +26,13 @@ struct ClothLimbs {
     float *next, *reach;            // (count, 3), (count,) scratch
 };
 
+// Vertices between the skin that they are bound to and skin that comes to face it.
+struct ClothPinch {
+    int64_t count;
+    const int32_t* vertex;          // (count,)
+    const float* foot;              // (n, 3)
+    float far;                      // metres from where it is looked for beyond which it is left
+    float* x;                       // (n, 3), changed
+};
+
 }  // namespace vt

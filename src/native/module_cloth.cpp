@@ -188,6 +188,27 @@ void cloth_clear(Output<float, 2> x, Array<int32_t, 1> vertex, Output<int32_t, 1
     vt::base::cloth_clear(body, int64_t(vertex.shape(0)), vertex.data(), deep, x.data());
 }
 
+// Draws some vertices (k,) of x (n,3) towards their feet (n,3), out of skin that faces them: that round `nearest` (k,), from
+// which they keep offset metres, if it is not farther than `far`.
+void cloth_pinch(Output<float, 2> x, Array<float, 2> foot, Array<int32_t, 1> vertex, Output<int32_t, 1> nearest,
+                 Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour, Array<float, 2> surface, float offset, float far) {
+    check(nearest.shape(0) == vertex.shape(0) && x.shape(1) == 3 && foot.shape(0) == x.shape(0) &&
+          foot.shape(1) == 3, "vertices do not fit");
+    check(triangle.shape(0) == neighbour.shape(0) && triangle.shape(1) == 3 && neighbour.shape(1) == 3 &&
+          surface.shape(1) == 6, "surface does not fit");
+    const vt::ClothBody body{int64_t(triangle.shape(0)), triangle.data(), neighbour.data(), surface.data(),
+                             surface.data(), offset, 0, 0, nearest.data(), nullptr};
+    const vt::ClothPinch job{int64_t(vertex.shape(0)), vertex.data(), foot.data(), far, x.data()};
+    nb::gil_scoped_release release;
+#if defined(VT_HAVE_V3)
+    if (newer()) {
+        vt::v3::cloth_pinch(body, job);
+        return;
+    }
+#endif
+    vt::base::cloth_pinch(body, job);
+}
+
 // One frame of r and v (k,3); see vt::ClothLimbs. numbers: step, damping, friction, smooth, drag, density, gravity, wind.
 void cloth_limbs(Output<float, 2> r, Output<float, 2> v, Array<int32_t, 1> vertex, Array<int32_t, 1> bone,
                  Array<float, 1> radius, Array<float, 1> room, Array<float, 1> least, Array<int32_t, 1> row,
@@ -226,6 +247,7 @@ void bind_cloth(nb::module_& m) {
     m.def("cloth_clear", &cloth_clear);
     m.def("cloth_feet", &cloth_feet);
     m.def("cloth_limbs", &cloth_limbs);
+    m.def("cloth_pinch", &cloth_pinch);
 }
 
 }  // namespace vt::face

@@ -52,6 +52,73 @@ def cloth_clear(
     x[vertex[some]] = (at + part * (foot + offset * normal - at))[some]
 
 
+def cloth_pinch(
+    x: Single, foot: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single,
+    offset: float, far: float,
+) -> None:  # fmt: skip
+    """Draws some vertices (k,) of x (n,3), in their order, towards their feet (n,3), until they are `offset` metres out of
+    a body, surface (V,6) points and normals, or half way to it where the foot is nearer than twice that.
+
+    nearest (k,): triangles (t,3) from which it is looked for over neighbours (t,3), if they are not farther than `far`.
+    This twin asks all triangles that hang together with those.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    from vitruvian.cloth.touch_numpy import shares
+
+    t = len(triangle)
+    a, k = np.nonzero(neighbour >= 0)
+    piece = connected_components(coo_array((np.ones(len(a)), (a, neighbour[a, k])), (t, t)), directed=False)[1]
+    points = surface[:, :3].astype(np.float64)
+    before = [np.count_nonzero(vertex[:i] == v) for i, v in enumerate(vertex)]
+    for turn in range(max(before, default=-1) + 1):
+        for own in np.unique(piece[nearest]):
+            some = np.flatnonzero((np.asarray(before) == turn) & (piece[nearest] == own))
+            out = _Out(surface, triangle[piece == own], neighbour[piece == own], offset)
+            at, s = x[vertex[some]].astype(np.float64), foot[vertex[some]].astype(np.float64)
+            first = points[triangle[nearest[some]]]
+            share, way = np.ones(len(some)), at - s
+            now = out(at)[0]
+            held = (now < offset) & (
+                np.linalg.norm(at - np.einsum("kc,kcx->kx", shares(at, first), first), axis=1) <= far
+            )
+            low, inside = np.zeros(len(some)), now < 0
+            for _ in range(5):
+                half = 0.5 * (low + share)
+                within = out(s + half[:, None] * way)[0] < 0
+                share, low = np.where(inside & within, half, share), np.where(inside & ~within, half, low)
+            share = np.where(inside, low, share)
+            now, there, m = out(s + share[:, None] * way)
+            high = _dot(s - there, m)[:, 0]
+            least = np.where(high < 2 * offset, 0.5 * high, offset)
+            nearer = (high > now) & (now < least)
+            share *= np.where(nearer, np.maximum(high - least, 0) / np.where(nearer, high - now, 1) * (high > 0), 1)
+            x[vertex[some[held]]] = (s + share[:, None] * way)[held]
+
+
+class _Out:
+    """How far points (k,3) are out of a surface, what is nearest on it and the normals there: `beyond` where that is on its
+    border."""
+
+    def __init__(self, surface: Single, triangle: Ints, neighbour: Ints, beyond: float):
+        self.points, self.normals = surface[:, :3].astype(np.float64), surface[:, 3:].astype(np.float64)
+        self.triangle, self.neighbour, self.beyond = triangle.astype(np.int64), neighbour, beyond
+
+    def __call__(self, at: Floats) -> tuple[Floats, Floats, Floats]:
+        import igl
+
+        from vitruvian.cloth.touch_numpy import shares
+
+        face = np.asarray(igl.point_mesh_squared_distance(at, self.points, self.triangle)[1], np.int64).reshape(-1)
+        corner = self.triangle[face]
+        share = shares(at, self.points[corner])
+        foot = np.einsum("kc,kcx->kx", share, self.points[corner])
+        m = _unit(np.einsum("kc,kcx->kx", share, self.normals[corner]))
+        border = ((self.neighbour[face] < 0) & (np.roll(share, 1, axis=1) <= 0)).any(axis=1)
+        return np.where(border, self.beyond, _dot(at - foot, m)[:, 0]), foot, np.where(border[:, None], 0, m)
+
+
 def cloth_limbs(
     r: Single, v: Single, vertex: Ints, bone: Ints, radius: Single, room: Single, least: Single, row: Ints,
     neighbour: Ints, foot_before: Single, foot: Single, up: Single, axis: Single, numbers: Single,

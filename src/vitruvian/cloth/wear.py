@@ -20,6 +20,7 @@ from vitruvian.cloth.binding import Binding, bind, feet
 from vitruvian.cloth.garment import Garment, Hung
 from vitruvian.cloth.layers import Anatomy, anatomy, sort
 from vitruvian.cloth.moving import Passing, Skin
+from vitruvian.cloth.pinching import pinched
 from vitruvian.cloth.placing import LEGS, largest
 from vitruvian.cloth.sheet import joined
 from vitruvian.cloth.solver import assemble, step
@@ -34,7 +35,8 @@ LEAST, BESIDE = 0.003, 0.03  # metres: between cloths and skin; from the feet of
 ENTRY = 40  # frames from the pose that a garment was draped in to the first that is shown
 # Poses in which it is seen what cloth stays with: joints and their rotation vectors, radians; l_ stands for both sides,
 # mirrored, and what is named by its side is for that side alone
-TRAINING: tuple[Mapping[str, tuple[float, float, float]], ...] = (
+Pose = Mapping[str, tuple[float, float, float]]
+TRAINING: tuple[Pose, ...] = (
     {"*_shoulder": (0, 0, -0.1)},
     {"*_shoulder": (-1.3, 0, 0), "*_elbow": (-0.5, 0, 0)},
     {"*_shoulder": (0.5, 0, 0.1), "*_elbow": (-1.4, 0, 0)},
@@ -48,6 +50,17 @@ TRAINING: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {"vl3": (0.3, 0, 0), "vt10": (0.3, 0, 0), "*_shoulder": (-0.4, 0, 0.2)},
     {"vl3": (0, 0.3, 0), "vt10": (0, 0.3, 0), "*_shoulder": (0, 0, 0.2)},
     {"vl3": (0, 0, 0.25), "vt10": (0, 0, 0.2), "*_shoulder": (0, 0, 0.2)},
+)  # fmt: skip
+# Poses in which, besides, it is seen what skin comes to face
+FOLDING: tuple[Pose, ...] = (
+    {"*_hip": (-1.7, 0, 0), "*_knee": (2.0, 0, 0), "*_shoulder": (0, 0, -0.15), "*_elbow": (-2.0, 0, 0)},
+    {"*_hip": (-0.9, 0, 0), "*_knee": (1.0, 0, 0), "*_shoulder": (-0.5, 0, -0.1), "*_elbow": (-1.0, 0, 0)},
+    {"*_hip": (0.2, 0, 0), "*_knee": (1.5, 0, 0), "vl3": (0.4, 0, 0), "vt10": (0.3, 0, 0)},
+    {"*_hip": (-1.7, 0, 0), "*_knee": (1.0, 0, 0), "vl3": (0.5, 0, 0), "vt10": (0.4, 0, 0)},
+    {"l_hip": (-0.5, 0, 0), "r_hip": (0.3, 0, 0), "l_knee": (0.6, 0, 0), "r_knee": (0.3, 0, 0)},
+    {"r_hip": (-0.5, 0, 0), "l_hip": (0.3, 0, 0), "r_knee": (0.6, 0, 0), "l_knee": (0.3, 0, 0)},
+    {"l_hip": (-1.3, 0.2, 0), "l_knee": (1.2, 0, 0), "vl3": (0.4, 0, 0), "vt10": (0.2, 0, 0)},
+    {"r_hip": (-1.3, -0.2, 0), "r_knee": (1.2, 0, 0), "vl3": (0.4, 0, 0), "vt10": (0.2, 0, 0)},
 )  # fmt: skip
 
 
@@ -117,7 +130,7 @@ def wear(
     skeleton = person.run.body.skeleton
     matrices = stood(skeleton) if pose is None else pose
     skin, joints = person.at(matrices)
-    trials = cache(partial(_trials, person))
+    trials, folds = cache(partial(_trials, person)), cache(partial(_trials, person, FOLDING))
     hips = [joints[skeleton.index[j], 1] for j in FORK if j in skeleton.index]
     garments, out = (*garment.below, garment), []
     inner: list[tuple[Floats, Floats]] = []  # of what is below: feet, and heights over the skin
@@ -139,7 +152,13 @@ def wear(
             )  # fmt: skip
         regions = person.regions[binding.triangles[binding.face, binding.share.argmax(axis=1)]]
         least = _raised(foot, inner)
-        worn = made(own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, least, gap=gap)
+        close = pinched(
+            skin, person.regions, binding.triangles[binding.face], binding.share,
+            [(binding.at(*there), *there) for there in (*trials(), *folds())],
+        )  # fmt: skip
+        worn = made(
+            own.sheet, x, binding, layer, regions, person.known.bones, skin, joints, least, close=close, gap=gap
+        )
         out.append(Prepared(own, worn, matrices, x))
         inner.append((foot, binding.offset[:, 2]))
     return tuple(out)
@@ -152,9 +171,9 @@ def hung(prepared: Sequence[Prepared]) -> Garment:
     return replace(own, below=tuple(below))
 
 
-def _trials(person: Wearer) -> list[tuple[Floats, Floats]]:
-    """Points and normals (V,3) of the skin in each training pose."""
-    there = [person.at(m)[0] for m in training(person.run.body.skeleton)]
+def _trials(person: Wearer, poses: Sequence[Pose] = TRAINING) -> list[tuple[Floats, Floats]]:
+    """Points and normals (V,3) of the skin in each of some poses."""
+    there = [person.at(m)[0] for m in training(person.run.body.skeleton, poses)]
     return [(s.points.astype(np.float64), s.normals.astype(np.float64)) for s in there]
 
 
@@ -248,10 +267,10 @@ def between(skeleton: Skeleton, a: Floats, b: Floats, share: float) -> Floats:
     return pose_matrices(skeleton, slerp(turns[0], turns[1], share)[None], shift)[0]
 
 
-def training(skeleton: Skeleton) -> list[Floats]:
+def training(skeleton: Skeleton, poses: Sequence[Pose] = TRAINING) -> list[Floats]:
     """(J,4,4) matrices of each training pose, as far as a skeleton has the joints."""
     out = []
-    for pose in TRAINING:
+    for pose in poses:
         rotation = np.tile([0.0, 0.0, 0.0, 1.0], (1, len(skeleton), 1))
         for name, (x, y, z) in pose.items():
             for side, sign in (("l", 1.0), ("r", -1.0)) if name.startswith("*") else (("", 1.0),):

@@ -19,6 +19,7 @@ from vitruvian.cloth.binding import Binding
 from vitruvian.cloth.layers import FLOATING, LOOSE
 from vitruvian.cloth.limbs import Limbs
 from vitruvian.cloth.moving import Passing, Skin, clear, feet
+from vitruvian.cloth.pinching import NOTHING, Pinched, given_way
 from vitruvian.cloth.rough import Rough
 from vitruvian.cloth.sheet import Sheet
 from vitruvian.cloth.solver import FRAME, GRAVITY, Cloth, State, assemble, step
@@ -51,8 +52,8 @@ class Floating:
 @dataclass(frozen=True, eq=False)
 class Worn:
     """A garment ready to be worn: its sheet, the layer (n,) of each vertex, corner, share and offset (n,3) by which all are
-    bound to the skin, the vertices (k,) that are loose and the triangles (k,) of the skin beneath them, and what moves each
-    layer."""
+    bound to the skin, the vertices (k,) that are loose, the triangles (n,) of the skin beneath all, what moves each
+    layer, and what skin may close in on."""
 
     sheet: Sheet
     layer: Ints
@@ -64,6 +65,7 @@ class Worn:
     limbs: Limbs | None
     rough: Rough | None
     floating: Floating | None
+    close: Pinched
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +86,14 @@ class Now:
 
 def made(
     sheet: Sheet, x: Floats, binding: Binding, layer: Ints, regions: Ints, bones: Ints, skin: Skin, joints: Floats,
-    least: Floats, *, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
+    least: Floats, *, close: Pinched = NOTHING, gap: float = 0.0, gravity: ArrayLike = GRAVITY,
 ) -> Worn:  # fmt: skip
     """A garment made ready to be worn: a sheet draped at x (n,3) metres on a skin that it is bound to.
 
     layer (n,) and regions (n,) of its vertices, see `vitruvian.cloth.layers`; bones (R,2): the joints at the ends of each
     region's bone, or -1; joints (J,3) metres: where they are; least (n,) metres that loose cloth keeps from the
-    skin. gap: metres that floating cloth keeps from itself, 0: none. Loose cloth on the trunk that nothing but
-    floating cloth would hold floats, too.
+    skin; close: what skin comes to face; gap: metres that floating cloth keeps from itself, 0: none. Loose cloth on the
+    trunk that nothing but floating cloth would hold floats, too.
     """
     x = floats(x, "x", len(layer), 3)
     hanging = (layer == LOOSE) & (bones[regions, 0] >= 0)
@@ -103,12 +105,12 @@ def made(
     single = lambda a: np.ascontiguousarray(a, np.float32)  # noqa: E731
     return Worn(
         sheet, layer, np.ascontiguousarray(binding.triangles[binding.face], np.int32), single(binding.share),
-        single(binding.offset), np.flatnonzero(loose).astype(np.int32), binding.face[loose].astype(np.int32),
+        single(binding.offset), np.flatnonzero(loose).astype(np.int32), binding.face.astype(np.int32),
         about.made(sheet, x, binding, hanging, around, regions, bones, joints, rings(sheet.edges, around & ~hanging),
                    least, skin, gravity, BAND),
         roughly.made(sheet, x, np.minimum(least, binding.offset[:, 2]), others, around,
                      rings(sheet.edges, around & ~others), BAND),
-        simulated(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0),
+        simulated(sheet, layer, gap, skin.side[binding.triangles[binding.face, 0]] > 0), close,
     )  # fmt: skip
 
 
@@ -210,7 +212,12 @@ def _moved(
         nearest = None if floating.nearest is None else floating.nearest[f.free]
         if nearest is not None:
             clear(x, own, nearest, met)
-    clear(x, worn.loose, worn.beneath, skin)
+        clear(x, own, worn.beneath[own], skin)
+    clear(x, worn.loose, worn.beneath[worn.loose], skin)
+    given_way(worn.close, x, foot, skin)
+    if worn.floating is not None and floating is not None:
+        f = worn.floating
+        floating.x[f.free] = x[f.vertices[f.free]]
     return Now(x, skin, met, foot, up, joints, limbs, rough, floating)
 
 
