@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from test_worn import RADIUS, cloth_of, skin_of, tube
 
+from test_worn import RADIUS, cloth_of, skin_of, tube
 from vitruvian.cloth import layers, layers_numpy, pinching, worn
 from vitruvian.cloth.binding import bind
 from vitruvian.cloth.moving import Skin
@@ -43,7 +43,7 @@ def between(apart, high, count=60):
     middle = skin.points[skin.triangles[lower:]].mean(axis=1)
     near = [rng.choice(np.flatnonzero(np.linalg.norm(middle - p, axis=1) < 0.09)) for p in x]
     near = (lower + np.array(near)).astype(np.int32)
-    given_way(Pinched(some, near), x, foot, skin)
+    given_way(Pinched(some, near), x, np.ones(count, np.float32), foot, skin)
     return x[:, 1]
 
 
@@ -60,7 +60,8 @@ def test_what_is_far_is_not_looked_at():
     x = np.float32([[0, 0.01, 0]])
     there = x.copy()
     far = lower + int(np.argmax(skin.points[skin.triangles[lower:]].mean(axis=1) @ [1, 0, 1]))
-    given_way(Pinched(np.zeros(1, np.int32), np.full(1, far, np.int32)), x, np.zeros((1, 3), np.float32), skin)
+    some = Pinched(np.zeros(1, np.int32), np.full(1, far, np.int32))
+    given_way(some, x, np.ones(1, np.float32), np.zeros((1, 3), np.float32), skin)
     assert np.array_equal(x, there)
 
 
@@ -72,16 +73,21 @@ def test_the_kernel_does_what_its_twin_does():
     for _ in range(60):
         n = int(rng.integers(1, 120))
         turn, high = rng.uniform(0, 2 * np.pi, n), RADIUS + rng.uniform(-0.01, 0.006, n)
-        out = lambda size: np.stack([at, size * np.cos(turn), size * np.sin(turn)], 1).astype(np.float32)  # noqa: E731
-        at = rng.uniform(0.05, 0.35, n)
-        x, foot = out(high), out(RADIUS + rng.uniform(0.001, 0.03, n))
-        vertex = rng.integers(0, n, int(rng.integers(0, 2 * n))).astype(np.int32)
+        at, turned = rng.uniform(0.05, 0.35, n), np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        x, foot = (
+            np.column_stack([at, size[:, None] * turned]).astype(np.float32)
+            for size in (high, RADIUS + rng.uniform(0.001, 0.03, n))
+        )
+        vertex = np.sort(rng.integers(0, n, int(rng.integers(0, 2 * n)))).astype(np.int32)
         near = np.argmin(((x[vertex, None] - middle) ** 2).sum(axis=2), axis=1).astype(np.int32)
         ours, theirs = x.copy(), x.copy()
-        rest = (foot, vertex, near, skin.triangles, skin.neighbours, skin.both, KEPT, pinching.FAR)
-        kernels().cloth_pinch(ours, *rest)
-        layers_numpy.cloth_pinch(theirs, *rest)
-        assert np.abs(ours - theirs).max() < 2e-5
+        rest = (foot, vertex, near, skin.triangles, skin.neighbours, skin.both, KEPT, pinching.FAR, 0.3)
+        had = rng.uniform(0.5, 1, n).astype(np.float32)
+        part, there = had.copy(), had.copy()
+        kernels().cloth_pinch(ours, part, *rest)
+        layers_numpy.cloth_pinch(theirs, there, *rest)
+        assert np.abs(ours - theirs).max() < 2e-5 and np.abs(part - there).max() < 2e-2
+        assert (part <= np.minimum(had + np.float32(0.3), 1)).all()
         moved = np.unique(vertex)
         assert (np.linalg.norm(ours[moved, 1:], axis=1) > RADIUS - 2e-4).all()
         still = np.setdiff1d(np.arange(n), moved)
@@ -115,7 +121,7 @@ def test_partners_are_found_where_a_body_folds():
     x = binding.at(there, up).astype(np.float32)
     foot = np.einsum("nk,nkx->nx", binding.share, there[corner]).astype(np.float32)
     before, apart = x.copy(), np.abs(foot[:, 0]) * np.tan(0.02)
-    given_way(close, x, foot, folded)
+    given_way(close, x, np.ones(len(x), np.float32), foot, folded)
     assert (before[:, 1] > apart - KEPT).any()  # it was through the other leaf
     assert (x[:, 1] < apart).all() and (x[:, 1] > 0).all()
 

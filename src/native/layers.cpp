@@ -156,32 +156,38 @@ inline float out_of(const ClothBody& body, const Vector& x, int32_t& near, Foot&
 }  // namespace
 
 // Draws vertices that other skin has closed in on towards their feet, until they are out of it: between both where there is
-// less room than that.
+// less room than that. They come back from there bit by bit.
 void cloth_pinch(const ClothBody& body, const ClothPinch& job) {
-    for (int64_t i = 0; i < job.count; ++i) {
-        if (body.nearest[i] < 0) continue;
+    for (int64_t i = 0; i < job.count;) {
         const int64_t v = job.vertex[i];
-        const Vector foot = at(job.foot + 3 * v), way = at(job.x + 3 * v) - foot;
-        int32_t near = body.nearest[i];
-        Foot other;
-        Vector m;
-        int edge = -1;
-        if (measure(body, job.x + 3 * v, near, 1.0f, other, edge) > job.far * job.far) continue;
-        float now = out_of(body, foot + way, near, other, m), share = 1;
-        if (now >= body.offset) continue;
-        if (now < 0) {
-            float low = 0;
-            for (int pass = 0; pass < 5; ++pass) {
-                const float half = 0.5f * (low + share);
-                now = out_of(body, foot + half * way, near, other, m);
-                (now < 0 ? share : low) = half;
+        const Vector foot = at(job.foot + 3 * v), whole = at(job.x + 3 * v) - foot;
+        float part = fminf(job.part[v] + job.back, 1.0f);
+        for (; i < job.count && job.vertex[i] == v; ++i) {
+            if (body.nearest[i] < 0) continue;
+            const Vector way = part * whole, here = foot + way;
+            int32_t near = body.nearest[i];
+            Foot other;
+            Vector m;
+            int edge = -1;
+            if (measure(body, &here.x, near, 1.0f, other, edge) > job.far * job.far) continue;
+            float now = out_of(body, here, near, other, m), share = 1;
+            if (now >= body.offset) continue;
+            if (now < 0) {
+                float low = 0;
+                for (int pass = 0; pass < 5; ++pass) {
+                    const float half = 0.5f * (low + share);
+                    now = out_of(body, foot + half * way, near, other, m);
+                    (now < 0 ? share : low) = half;
+                }
+                share = low;
+                now = out_of(body, foot + share * way, near, other, m);
             }
-            share = low;
-            now = out_of(body, foot + share * way, near, other, m);
+            const float high = dot(foot - at(other.now), m), least = high < 2 * body.offset ? 0.5f * high : body.offset;
+            if (high > now && now < least) share *= high > 0 ? fmaxf(high - least, 0.0f) / (high - now) : 0;
+            part *= share;
         }
-        const float high = dot(foot - at(other.now), m), least = high < 2 * body.offset ? 0.5f * high : body.offset;
-        if (high > now && now < least) share *= high > 0 ? (high - least) / (high - now) : 0;
-        put(job.x + 3 * v, foot + share * way);
+        job.part[v] = part;
+        if (part < 1) put(job.x + 3 * v, foot + part * whole);
     }
 }
 

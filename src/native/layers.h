@@ -29,10 +29,10 @@ struct ClothLimbs {
 // Vertices between the skin that they are bound to and skin that comes to face it.
 struct ClothPinch {
     int64_t count;
-    const int32_t* vertex;          // (count,)
+    const int32_t* vertex;          // (count,) those of one vertex follow each other
     const float* foot;              // (n, 3)
-    float far;                      // metres from where it is looked for beyond which it is left
-    float* x;                       // (n, 3), changed
+    float far, back;                // metres from where it is looked for beyond which it is left; share that comes back
+    float *part, *x;                // (n,) share of the way from its foot that each had, (n, 3); changed
 };
 
 }  // namespace vt

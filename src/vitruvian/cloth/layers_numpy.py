@@ -53,14 +53,15 @@ def cloth_clear(
 
 
 def cloth_pinch(
-    x: Single, foot: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single,
-    offset: float, far: float,
+    x: Single, part: Single, foot: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single,
+    offset: float, far: float, back: float,
 ) -> None:  # fmt: skip
-    """Draws some vertices (k,) of x (n,3), in their order, towards their feet (n,3), until they are `offset` metres out of
-    a body, surface (V,6) points and normals, or half way to it where the foot is nearer than twice that.
+    """Draws some vertices (k,) of x (n,3), those of one together, towards their feet (n,3), until they are `offset` metres
+    out of a body, surface (V,6) points and normals, or half way to it where the foot is nearer than twice that.
 
     nearest (k,): triangles (t,3) from which it is looked for over neighbours (t,3), if they are not farther than `far`.
-    This twin asks all triangles that hang together with those.
+    This twin asks all triangles that hang together with those. part (n,): shares of the way from its foot that each
+    vertex had, and has afterwards: they grow by `back` at most.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -71,30 +72,31 @@ def cloth_pinch(
     a, k = np.nonzero(neighbour >= 0)
     piece = connected_components(coo_array((np.ones(len(a)), (a, neighbour[a, k])), (t, t)), directed=False)[1]
     points = surface[:, :3].astype(np.float64)
-    before = [np.count_nonzero(vertex[:i] == v) for i, v in enumerate(vertex)]
-    for turn in range(max(before, default=-1) + 1):
-        for own in np.unique(piece[nearest]):
-            some = np.flatnonzero((np.asarray(before) == turn) & (piece[nearest] == own))
-            out = _Out(surface, triangle[piece == own], neighbour[piece == own], offset)
-            at, s = x[vertex[some]].astype(np.float64), foot[vertex[some]].astype(np.float64)
-            first = points[triangle[nearest[some]]]
-            share, way = np.ones(len(some)), at - s
-            now = out(at)[0]
-            held = (now < offset) & (
-                np.linalg.norm(at - np.einsum("kc,kcx->kx", shares(at, first), first), axis=1) <= far
-            )
-            low, inside = np.zeros(len(some)), now < 0
-            for _ in range(5):
-                half = 0.5 * (low + share)
-                within = out(s + half[:, None] * way)[0] < 0
-                share, low = np.where(inside & within, half, share), np.where(inside & ~within, half, low)
-            share = np.where(inside, low, share)
-            now, there, m = out(s + share[:, None] * way)
-            high = _dot(s - there, m)[:, 0]
-            least = np.where(high < 2 * offset, 0.5 * high, offset)
-            nearer = (high > now) & (now < least)
-            share *= np.where(nearer, np.maximum(high - least, 0) / np.where(nearer, high - now, 1) * (high > 0), 1)
-            x[vertex[some[held]]] = (s + share[:, None] * way)[held]
+    each = np.unique(vertex)
+    part[each] = np.minimum(part[each] + back, 1)
+    whole = (x - foot).astype(np.float64)
+    turns = np.array([np.count_nonzero(vertex[:i] == v) for i, v in enumerate(vertex)], np.int64)
+    for turn, own in ((t, p) for t in range(turns.max(initial=-1) + 1) for p in np.unique(piece[nearest])):
+        some = np.flatnonzero((turns == turn) & (piece[nearest] == own))
+        out = _Out(surface, triangle[piece == own], neighbour[piece == own], offset)
+        s, way = foot[vertex[some]].astype(np.float64), part[vertex[some], None] * whole[vertex[some]]
+        first = points[triangle[nearest[some]]]
+        now = out(s + way)[0]
+        apart = s + way - np.einsum("kc,kcx->kx", shares(s + way, first), first)
+        held = (now < offset) & (np.linalg.norm(apart, axis=1) <= far)
+        share, low, inside = np.ones(len(some)), np.zeros(len(some)), now < 0
+        for _ in range(5):
+            half = 0.5 * (low + share)
+            within = out(s + half[:, None] * way)[0] < 0
+            share, low = np.where(inside & within, half, share), np.where(inside & ~within, half, low)
+        share = np.where(inside, low, share)
+        now, there, m = out(s + share[:, None] * way)
+        high = _dot(s - there, m)[:, 0]
+        least = np.where(high < 2 * offset, 0.5 * high, offset)
+        nearer = (high > now) & (now < least)
+        share *= np.where(nearer, np.maximum(high - least, 0) / np.where(nearer, high - now, 1) * (high > 0), 1)
+        part[vertex[some[held]]] *= share[held]
+    x[each] = foot[each] + part[each, None] * whole[each]
 
 
 class _Out:

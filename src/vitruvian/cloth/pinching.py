@@ -26,7 +26,8 @@ KEPT, FAR = 0.002, 0.1  # metres that cloth keeps from skin that faces it; from 
 
 @dataclass(frozen=True, eq=False)
 class Pinched:
-    """Vertices (k,) of a garment, some of them several times, and the triangles (k,) of the skin that they may come to face."""
+    """Vertices (k,) of a garment, in order and some of them several times, and the triangles (k,) of the skin that they may
+    come to face."""
 
     vertices: Ints
     partners: Ints
@@ -58,7 +59,9 @@ def pinched(
         some = np.flatnonzero(
             (np.einsum("nx,nx->n", m, up) < FACING) & (high < CLOSE) & (np.linalg.norm(way, axis=1) < 2 * CLOSE)
         )
-        vertex.append(some), face.append(near[some]), depth.append(high[some])
+        vertex.append(some)
+        face.append(near[some])
+        depth.append(high[some])
     v, f, d = (np.concatenate(q) for q in (vertex, face, depth))
     order = np.lexsort((d, part[f], v))
     v, f = v[order], f[order]
@@ -67,11 +70,14 @@ def pinched(
     return Pinched(v[first].astype(np.int32), f[first].astype(np.int32))
 
 
-def given_way(some: Pinched, x: Single, foot: Single, skin: Skin) -> None:
-    """Draws cloth at x (n,3) that skin closes in on towards its feet (n,3)."""
+def given_way(some: Pinched, x: Single, part: Single, foot: Single, skin: Skin, back: float = 1.0) -> None:
+    """Draws cloth at x (n,3) that skin closes in on towards its feet (n,3). part (n,): the shares of the way from there that
+    it had, and has afterwards; they grow by `back` at most."""
     native = kernels()
     if native is None:
         from vitruvian.cloth.layers_numpy import cloth_pinch
     else:
         cloth_pinch = native.cloth_pinch
-    cloth_pinch(x, foot, some.vertices, some.partners, skin.triangles, skin.neighbours, skin.both, KEPT, FAR)
+    cloth_pinch(
+        x, part, foot, some.vertices, some.partners, skin.triangles, skin.neighbours, skin.both, KEPT, FAR, back
+    )  # fmt: skip

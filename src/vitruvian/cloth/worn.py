@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Single = NDArray[np.float32]
 STEPS = 12  # of a frame, for cloth that floats
 BAND = 3  # rings of vertices over which one layer becomes the next
+BACK = 0.1  # of the way from its foot that cloth comes back in a frame, when skin no longer closes in on it
 JUMP = 0.5  # metres that a body moves in a frame when it is put elsewhere
 ALONE = 0.002  # metres a frame that floating cloth may move beside what its neighbours do, and as much as those
 LONGEST, MOST = 1 / 30, 8  # seconds of a frame; what takes longer is made up for in so many at most
@@ -71,7 +72,8 @@ class Worn:
 @dataclass(frozen=True, eq=False)
 class Now:
     """Where a worn garment is: x (n,3) metres on a skin, what floating cloth meets, the feet (n,3) of its vertices
-    and the normals there, the joints (J,3), and what each layer remembers."""
+    and the normals there, the joints (J,3), the part (n,) of the way from its foot that skin leaves to each, and what each
+    layer remembers."""
 
     x: Single
     skin: Skin
@@ -79,6 +81,7 @@ class Now:
     foot: Single
     up: Single
     joints: Floats
+    part: Single
     limbs: tuple[Single, Single] | None = None
     rough: State | None = None
     floating: State | None = None
@@ -133,7 +136,7 @@ def begun(worn: Worn, skin: Skin, joints: Floats, below: Skin | None = None) -> 
     foot, up, x = feet(skin, worn.corner, worn.share, worn.offset)
     limbs, rough, floating = worn.limbs, worn.rough, worn.floating
     return Now(
-        x, skin, skin if below is None else below, foot, up, joints,
+        x, skin, skin if below is None else below, foot, up, joints, np.ones(len(x), np.float32),
         None if limbs is None else about.begun(x[limbs.vertices], foot[limbs.vertices]),
         None if rough is None else rough.cloth.state(x[rough.vertices]),
         None if floating is None else floating.cloth.state(x[floating.vertices]),
@@ -214,11 +217,14 @@ def _moved(
             clear(x, own, nearest, met)
         clear(x, own, worn.beneath[own], skin)
     clear(x, worn.loose, worn.beneath[worn.loose], skin)
-    given_way(worn.close, x, foot, skin)
+    part = now.part.copy()
+    given_way(worn.close, x, part, foot, skin, BACK * dt / FRAME)
     if worn.floating is not None and floating is not None:
         f = worn.floating
         floating.x[f.free] = x[f.vertices[f.free]]
-    return Now(x, skin, met, foot, up, joints, limbs, rough, floating)
+        held = f.free[part[f.vertices[f.free]] < 1]
+        floating.v[held] = (floating.x[held] - before[held]) / dt
+    return Now(x, skin, met, foot, up, joints, part, limbs, rough, floating)
 
 
 def _together(f: Floating, state: State, before: Single, dt: float) -> None:
