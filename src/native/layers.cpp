@@ -111,11 +111,27 @@ void cloth_limbs(const ClothLimbs& job) {
     }
 }
 
+namespace {
+
+constexpr float OUT = 0.005f, RISING = 0.3f;  // metres over the plane of a triangle, and for each metre from it
+constexpr float ALIKE = 0.7f;                 // product of normals of skin that cannot pinch what is between
+
+// Whether x is so far over the plane in a corner of a triangle that what is nearest need not be looked for.
+inline bool well_out(const ClothBody& body, int32_t triangle, const Vector& x) {
+    const float* corner = body.after + 6 * int64_t(body.triangle[3 * int64_t(triangle)]);
+    const Vector way = x - at(corner);
+    const float high = dot(way, at(corner + 3)) - OUT;
+    return high > 0 && high * high > RISING * RISING * dot(way, way);
+}
+
+}  // namespace
+
 // Puts vertices that are nearer to the body, as it is at the frame's end, than they may be straight away from it.
 void cloth_clear(const ClothBody& body, int64_t count, const int32_t* vertex, float deep, float* x) {
     for (int64_t i = 0; i < count; ++i) {
         if (body.nearest[i] < 0) continue;
         float* at = x + 3 * int64_t(vertex[i]);
+        if (well_out(body, body.nearest[i], {at[0], at[1], at[2]})) continue;
         Foot foot;
         walk(body, at, body.nearest[i], 1.0f, foot);
         float normal[3] = {0, 0, 0}, size = 0, out = 0;
@@ -166,6 +182,8 @@ void cloth_pinch(const ClothBody& body, const ClothPinch& job) {
             if (body.nearest[i] < 0) continue;
             const Vector way = part * whole, here = foot + way;
             int32_t near = body.nearest[i];
+            const float* normal = body.after + 6 * int64_t(body.triangle[3 * int64_t(near)]) + 3;
+            if (dot(at(normal), at(job.up + 3 * v)) > ALIKE || well_out(body, near, here)) continue;
             Foot other;
             Vector m;
             int edge = -1;

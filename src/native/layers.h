@@ -30,7 +30,7 @@ struct ClothLimbs {
 struct ClothPinch {
     int64_t count;
     const int32_t* vertex;          // (count,) those of one vertex follow each other
-    const float* foot;              // (n, 3)
+    const float *foot, *up;         // (n, 3)
     float far, back;                // metres from where it is looked for beyond which it is left; share that comes back
     float *part, *x;                // (n,) share of the way from its foot that each had, (n, 3); changed
 };

@@ -188,18 +188,18 @@ void cloth_clear(Output<float, 2> x, Array<int32_t, 1> vertex, Output<int32_t, 1
     vt::base::cloth_clear(body, int64_t(vertex.shape(0)), vertex.data(), deep, x.data());
 }
 
-// Draws some vertices (k,) of x (n,3) towards their feet (n,3), out of skin that faces them: that round `nearest` (k,), from
+// Draws some vertices (k,) of x (n,3) towards their feet (n,3), normals there up (n,3), out of skin that faces them: that round `nearest` (k,), from
 // which they keep offset metres, if it is not farther than `far`. part (n,): see vt::ClothPinch.
-void cloth_pinch(Output<float, 2> x, Output<float, 1> part, Array<float, 2> foot, Array<int32_t, 1> vertex,
-                 Output<int32_t, 1> nearest, Array<int32_t, 2> triangle, Array<int32_t, 2> neighbour, Array<float, 2> surface,
-                 float offset, float far, float back) {
-    check(nearest.shape(0) == vertex.shape(0) && x.shape(1) == 3 && foot.shape(0) == x.shape(0) &&
-          foot.shape(1) == 3 && part.shape(0) == x.shape(0), "vertices do not fit");
+void cloth_pinch(Output<float, 2> x, Output<float, 1> part, Array<float, 2> foot, Array<float, 2> up,
+                 Array<int32_t, 1> vertex, Output<int32_t, 1> nearest, Array<int32_t, 2> triangle,
+                 Array<int32_t, 2> neighbour, Array<float, 2> surface, float offset, float far, float back) {
+    check(nearest.shape(0) == vertex.shape(0) && x.shape(1) == 3 && foot.shape(0) == x.shape(0) && foot.shape(1) == 3 &&
+          up.shape(0) == x.shape(0) && up.shape(1) == 3 && part.shape(0) == x.shape(0), "vertices do not fit");
     check(triangle.shape(0) == neighbour.shape(0) && triangle.shape(1) == 3 && neighbour.shape(1) == 3 &&
           surface.shape(1) == 6, "surface does not fit");
     const vt::ClothBody body{int64_t(triangle.shape(0)), triangle.data(), neighbour.data(), surface.data(),
                              surface.data(), offset, 0, 0, nearest.data(), nullptr};
-    const vt::ClothPinch job{int64_t(vertex.shape(0)), vertex.data(), foot.data(), far, back, part.data(), x.data()};
+    const vt::ClothPinch job{int64_t(vertex.shape(0)), vertex.data(), foot.data(), up.data(), far, back, part.data(), x.data()};
     nb::gil_scoped_release release;
 #if defined(VT_HAVE_V3)
     if (newer()) {

@@ -162,5 +162,7 @@ def cloth_feet(
 def cloth_limbs(r: Single, v: Single, *arrays: object) -> None:
     """One frame of cloth about limbs, in place; in the order of `vitruvian.cloth.layers_numpy.cloth_limbs`."""
 
-def cloth_pinch(x: Single, part: Single, foot: Single, vertex: Ints, nearest: Ints, *arrays: object) -> None:
+def cloth_pinch(
+    x: Single, part: Single, foot: Single, up: Single, vertex: Ints, nearest: Ints, *arrays: object
+) -> None:
     """Draws cloth towards its feet, in place; see `vitruvian.cloth.layers_numpy.cloth_pinch`."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats, Ints
 
 Single = NDArray[np.float32]
+OUT, RISING, ALIKE = 0.005, 0.3, 0.7  # as in src/native/layers.cpp
 
 
 def cloth_feet(
@@ -47,17 +48,18 @@ def cloth_clear(
     away = np.where(_dot(at - foot, normal)[:, 0] < 0, -apart, apart)
     far = apart > 1e-5
     normal[far] = (at[far] - foot[far]) / away[far, None]
-    some = (away < offset) & (away >= -deep) & (nearest >= 0)
+    some = (away < offset) & (away >= -deep) & (nearest >= 0) & ~_well_out(surface, triangle[nearest], at)
     part = np.minimum(1.5 * (1 + away / deep), 1)[:, None]
     x[vertex[some]] = (at + part * (foot + offset * normal - at))[some]
 
 
 def cloth_pinch(
-    x: Single, part: Single, foot: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints, surface: Single,
-    offset: float, far: float, back: float,
+    x: Single, part: Single, foot: Single, up: Single, vertex: Ints, nearest: Ints, triangle: Ints, neighbour: Ints,
+    surface: Single, offset: float, far: float, back: float,
 ) -> None:  # fmt: skip
-    """Draws some vertices (k,) of x (n,3), those of one together, towards their feet (n,3), until they are `offset` metres
-    out of a body, surface (V,6) points and normals, or half way to it where the foot is nearer than twice that.
+    """Draws some vertices (k,) of x (n,3), those of one together, towards their feet (n,3), normals there up (n,3), until
+    they are `offset` metres out of a body that faces them, surface (V,6) points and normals, or half way to it where the
+    foot is nearer than twice that.
 
     nearest (k,): triangles (t,3) from which it is looked for over neighbours (t,3), if they are not farther than `far`.
     This twin asks all triangles that hang together with those. part (n,): shares of the way from its foot that each
@@ -83,7 +85,10 @@ def cloth_pinch(
         first = points[triangle[nearest[some]]]
         now = out(s + way)[0]
         apart = s + way - np.einsum("kc,kcx->kx", shares(s + way, first), first)
-        held = (now < offset) & (np.linalg.norm(apart, axis=1) <= far)
+        normal = surface[triangle[nearest[some], 0], 3:].astype(np.float64)
+        facing = _dot(normal, up[vertex[some]].astype(np.float64))[:, 0] <= ALIKE
+        held = facing & (now < offset) & (_dot(apart, apart)[:, 0] <= far**2)
+        held &= ~_well_out(surface, triangle[nearest[some]], s + way)
         share, low, inside = np.ones(len(some)), np.zeros(len(some)), now < 0
         for _ in range(5):
             half = 0.5 * (low + share)
@@ -97,6 +102,13 @@ def cloth_pinch(
         share *= np.where(nearer, np.maximum(high - least, 0) / np.where(nearer, high - now, 1) * (high > 0), 1)
         part[vertex[some[held]]] *= share[held]
     x[each] = foot[each] + part[each, None] * whole[each]
+
+
+def _well_out(surface: Single, corner: Ints, at: Floats) -> NDArray[np.bool_]:
+    """(k,) which points (k,3) are so far over the planes in the first of some corners (k,3) that they are not looked at."""
+    way = at - surface[corner[:, 0], :3]
+    high = _dot(way, surface[corner[:, 0], 3:].astype(np.float64))[:, 0] - OUT
+    return (high > 0) & (high**2 > RISING**2 * _dot(way, way)[:, 0])
 
 
 class _Out:
@@ -117,7 +129,7 @@ class _Out:
         share = shares(at, self.points[corner])
         foot = np.einsum("kc,kcx->kx", share, self.points[corner])
         m = _unit(np.einsum("kc,kcx->kx", share, self.normals[corner]))
-        border = ((self.neighbour[face] < 0) & (np.roll(share, 1, axis=1) <= 0)).any(axis=1)
+        border = np.any((self.neighbour[face] < 0) & (np.roll(share, 1, axis=1) <= 0), axis=1)
         return np.where(border, self.beyond, _dot(at - foot, m)[:, 0]), foot, np.where(border[:, None], 0, m)
 
 

@@ -21,7 +21,10 @@ CLOSE = 0.03  # metres from cloth to the skin that it may come to face, in a pos
 TURN = 0.05  # metres that the difference of two unit normals counts as where the nearest is looked for
 FACING = -0.2  # product of their normals at most
 PATCH = 0.08  # metres, of skin in which a vertex has one partner at most
-KEPT, FAR = 0.002, 0.1  # metres that cloth keeps from skin that faces it; from its partner beyond which nothing pinches
+KEPT, FAR = (
+    0.002,
+    0.08,
+)  # metres that cloth keeps from skin that faces it; from its partner beyond which nothing pinches
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +73,14 @@ def pinched(
     return Pinched(v[first].astype(np.int32), f[first].astype(np.int32))
 
 
-def given_way(some: Pinched, x: Single, part: Single, foot: Single, skin: Skin, back: float = 1.0) -> None:
-    """Draws cloth at x (n,3) that skin closes in on towards its feet (n,3). part (n,): the shares of the way from there that
-    it had, and has afterwards; they grow by `back` at most."""
+def given_way(some: Pinched, x: Single, part: Single, foot: Single, up: Single, skin: Skin, back: float = 1.0) -> None:
+    """Draws cloth at x (n,3) that skin closes in on towards its feet (n,3), normals there up (n,3). part (n,): the shares
+    of the way from there that it had, and has afterwards; they grow by `back` at most."""
     native = kernels()
     if native is None:
         from vitruvian.cloth.layers_numpy import cloth_pinch
     else:
         cloth_pinch = native.cloth_pinch
     cloth_pinch(
-        x, part, foot, some.vertices, some.partners, skin.triangles, skin.neighbours, skin.both, KEPT, FAR, back
+        x, part, foot, up, some.vertices, some.partners, skin.triangles, skin.neighbours, skin.both, KEPT, FAR, back
     )  # fmt: skip

@@ -218,7 +218,7 @@ def _moved(
         clear(x, own, worn.beneath[own], skin)
     clear(x, worn.loose, worn.beneath[worn.loose], skin)
     part = now.part.copy()
-    given_way(worn.close, x, part, foot, skin, BACK * dt / FRAME)
+    given_way(worn.close, x, part, foot, up, skin, BACK * dt / FRAME)
     if worn.floating is not None and floating is not None:
         f = worn.floating
         floating.x[f.free] = x[f.vertices[f.free]]
