@@ -13,6 +13,7 @@ from vitruvian.cloth.obstacle import MOST, OFFSET, neighbours
 from vitruvian.native import kernels
 
 Single = NDArray[np.float32]
+THREE = np.dtype("V12")  # a point of three numbers, copied as one
 AROUND = 0.1  # metres about cloth in which it can meet something
 PINCH = 0.03  # metres between parts of the body that face each other: cloth there meets its own part alone
 CLEAR, WITHIN = 0.002, 0.03  # metres from the skin that cloth is put to; how deep it may be for that
@@ -62,7 +63,9 @@ class Skin:
     @cached_property
     def both(self) -> Single:
         """(V,6) points and normals."""
-        return np.concatenate([self.points, self.normals], axis=1)
+        out = np.empty((len(self.points), 2), THREE)
+        out[:, 0], out[:, 1] = (np.ascontiguousarray(a).view(THREE)[:, 0] for a in (self.points, self.normals))
+        return out.view(np.float32)
 
     @property
     def neighbours(self) -> Ints:
@@ -224,12 +227,14 @@ class Planes:
 
 def _laid(foot: Single, up: Single, wide: float) -> Single:
     """(3n,6) corners of a triangle about each foot, and its normal."""
-    axis = np.eye(3, dtype=np.float32)[np.argmin(np.abs(up), axis=1)]
-    t = axis - np.einsum("nx,nx->n", axis, up)[:, None] * up
-    t /= np.linalg.norm(t, axis=1, keepdims=True)
-    b = np.cross(up, t)
+    x, y, z = up.T
+    sign = np.copysign(np.float32(1), z)
+    a = -1 / (sign + z)
+    c = x * y * a
+    t = np.stack([1 + sign * x * x * a, sign * c, -sign * x], axis=1)  # with the normal and b, a frame without a pole
+    b = np.stack([c, sign + y * y * a, -y], axis=1)
     out = np.empty((len(foot), 3, 6), np.float32)
     for k, turn in enumerate((0.0, 2 * np.pi / 3, 4 * np.pi / 3)):
-        out[:, k, :3] = foot + wide * (np.float32(np.cos(turn)) * t + np.float32(np.sin(turn)) * b)
-        out[:, k, 3:] = up
+        out[:, k, :3] = foot + np.float32(wide * np.cos(turn)) * t + np.float32(wide * np.sin(turn)) * b
+    out[:, :, 3:] = up[:, None]
     return out.reshape(-1, 6)

@@ -6,11 +6,10 @@ Source: seed 003, sections 5.3.2 and 6.3; note cloth.md, section 7.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
-from operator import call
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,16 +83,21 @@ class Wardrobe:
     def __call__(self, stage: Stage, dt: float) -> None:
         # people do not wait for each other: what each wears is computed by itself, the same in any number of threads
         here = [one for one in self.worn.values() if len(stage.draft(one[0].name).matrices)]
-        work = [partial(self._dress, stage, dt, *one) for one in here]
+        work = deque(self._dress(stage, dt, *one) for one in here)
+        most = min(os.cpu_count() or 1, MOST)
         if len(work) > 1 and self.pool is None:
-            self.pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MOST), "clothes")
-        for _ in map(call, work) if self.pool is None else self.pool.map(call, work):
-            pass
+            self.pool = ThreadPoolExecutor(most, "clothes")
+        if self.pool is None:
+            _worked(work)
+        else:
+            for _ in self.pool.map(_worked, [work] * min(most, len(work))):
+                pass
         for _, _, dresses in here:
             for dress in dresses:
                 dress.show(stage)
 
-    def _dress(self, stage: Stage, dt: float, actor: Actor, person: Wearer, dresses: list[Dress]) -> None:
+    def _dress(self, stage: Stage, dt: float, actor: Actor, person: Wearer, dresses: list[Dress]) -> Iterator[None]:
+        """Moves what somebody wears, a garment at a time."""
         draft = stage.draft(actor.name)
         points = draft.vertices
         if points is None or len(points) != len(person.skin.points):  # at another level of detail, or left to the page
@@ -119,6 +123,18 @@ class Wardrobe:
             if k + 1 < len(dresses):
                 x = dress.now.x
                 met = met.under(x, dress.cloth.normals(x), dress.prepared.garment.triangles, dress.shared)
+            yield
+
+
+def _worked(work: deque[Iterator[None]]) -> None:
+    """Does a piece of the work that is in front, then puts the rest of it behind, until there is nothing left."""
+    while True:
+        try:
+            some = work.popleft()
+        except IndexError:
+            return
+        if next(some, work) is None:
+            work.append(some)
 
 
 def dressed(stage: Stage, name: str, garments: Sequence[Prepared] | Garment) -> Wardrobe:
