@@ -188,8 +188,8 @@ void cloth_clear(Output<float, 2> x, Array<int32_t, 1> vertex, Output<int32_t, 1
     vt::base::cloth_clear(body, int64_t(vertex.shape(0)), vertex.data(), deep, x.data());
 }
 
-// Draws some vertices (k,) of x (n,3) towards their feet (n,3), normals there up (n,3), out of skin that faces them: that round `nearest` (k,), from
-// which they keep offset metres, if it is not farther than `far`. part (n,): see vt::ClothPinch.
+// Draws some vertices (k,) of x (n,3) towards their feet (n,3), normals there up (n,3), out of skin that faces them: that
+// round `nearest` (k,), from which they keep offset metres, if it is not farther than `far`. part (n,): see vt::ClothPinch.
 void cloth_pinch(Output<float, 2> x, Output<float, 1> part, Array<float, 2> foot, Array<float, 2> up,
                  Array<int32_t, 1> vertex, Output<int32_t, 1> nearest, Array<int32_t, 2> triangle,
                  Array<int32_t, 2> neighbour, Array<float, 2> surface, float offset, float far, float back) {
