@@ -78,6 +78,17 @@ def sewn(mesh: PanelMesh, weld: Ints | None, fabrics: tuple[Fabric, ...]) -> She
     return Sheet(triangles, material, number[mesh.panel[mesh.triangles[:, 0]]], different)
 
 
+def buttoned(pattern: Pattern, mesh: PanelMesh) -> Ints:
+    """(b,2) the vertices of a pattern's flat panels that are nearest to both places of each of its buttons."""
+    number = {p.name: k for k, p in enumerate(pattern.panels)}
+    out = np.empty((len(pattern.buttons), 2), np.int32)
+    for k, button in enumerate(pattern.buttons):
+        for side, (panel, at) in enumerate((button.a, button.b)):
+            own = np.flatnonzero(mesh.panel == number[panel])
+            out[k, side] = own[np.linalg.norm(mesh.material[own] - at, axis=1).argmin()]
+    return out
+
+
 FINEST = 0.2  # of its length that a side is gathered to at most
 
 

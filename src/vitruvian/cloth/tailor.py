@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Body, Floats, Ints
 from vitruvian.cloth.fabric import Fabric
 from vitruvian.cloth.fabric import fabric as fabric_named
-from vitruvian.cloth.garment import Garment, sewn
+from vitruvian.cloth.garment import Garment, buttoned, sewn
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.pattern import Pattern
@@ -31,6 +31,7 @@ from vitruvian.errors import VitruvianError
 COARSE, FINE = 0.014, 2  # metres: finer cloth is sewn and draped at twice its size, then in so many times smaller steps
 SEWING = 1.0  # seconds in which seams close
 PULL = 1.5  # m/s with which a thread draws together what is still apart
+SLOWLY = 0.1  # m/s with which a button that has come apart is drawn to again
 CLOSING = 0.25  # of the gap between cloths that is kept while the last seams close
 CLOSED = 1e-3  # metres between what is sewn when a seam counts as closed
 HELD = 0.5  # of what a waist has slipped while it is sewn is put right each frame
@@ -63,6 +64,7 @@ def tailor(
     watch(positions (n,3), triangles (m,3)) after every frame.
 
     The report tells: `faces`, `seam_gap_max_mm` when the seams were welded and `open_seams` that were still apart,
+    `button_gap_max_mm` between what is buttoned,
     `penetrating_vertices`, `self_intersections`, `strain_p99` and `strain_max` of edges, `boundary_loops`, `settled`,
     `speed` (m/s), `layers`: how many vertices are tight, loose and floating, `seconds` of each part.
 
@@ -87,28 +89,31 @@ def tailor(
     clock("place")
     smooth = tuple(replace(f, friction_body=0.0, friction_self=0.0) for f in cloths)  # silk: it finds its place
     weld = welded(mesh)
+    buttons = buttoned(pattern, mesh)
     positions, below, apart = _sewn(
-        room, below, sewn(mesh, None, smooth), mesh, weld, flat, max(thick, 2e-3), waist(pattern, mesh)
+        room, below, sewn(mesh, None, smooth), mesh, weld, flat, max(thick, 2e-3), waist(pattern, mesh), buttons
     )
     open_seams = sorted({int(s) for s in mesh.seam[apart > CLOSED]})
     clock("sew")
     sheet = sewn(mesh, weld, cloths)
-    vertices, below, speed = _draped(room, below, sheet, _merged(positions, weld), thick, SUBSTEPS)
+    positions, below = _untangled(room, below, sheet, _merged(positions, weld))
+    vertices, below, speed = _draped(room, below, sheet, positions, thick, SUBSTEPS, weld[buttons])
     clock("drape")
     if size <= COARSE:  # cloth comes to rest sooner in larger pieces
         fine = tessellate(pattern, size)
         positions = finer(mesh, vertices[weld], fine)
-        mesh, weld = fine, welded(fine)
+        mesh, weld, buttons = fine, welded(fine), buttoned(pattern, fine)
         sheet = sewn(mesh, weld, cloths)
-        vertices, below, speed = _draped(room, below, sheet, _merged(positions, weld), thick, FINE * SUBSTEPS)
+        positions = _merged(positions, weld)
+        vertices, below, speed = _draped(room, below, sheet, positions, thick, FINE * SUBSTEPS, weld[buttons])
         clock("refine")
-    whole, points = _with(sheet, vertices, below)
-    vertices, below = _apart(untangle(points, whole.triangles, obstacle=room.obstacle).positions, len(vertices), below)
+    vertices, below = _untangled(room, below, sheet, vertices)
     clock("untangle")
     report = {
         "faces": len(sheet.triangles),
         "seam_gap_max_mm": 1000 * float(apart.max(initial=0)),
         "open_seams": open_seams,
+        "button_gap_max_mm": 1000 * float(np.linalg.norm(np.diff(vertices[weld[buttons]], axis=1), axis=2).max(initial=0)),
         "settled": speed < STILL,
         "speed": speed,
         **fitting(sheet, vertices, room.obstacle, below),
@@ -181,6 +186,14 @@ def _apart(points: NDArray[np.floating], count: int, below: Sequence[Garment]) -
     return x[:count], tuple(replace(g, vertices=x[a:b]) for g, a, b in zip(below, ends, ends[1:]))
 
 
+def _untangled(
+    room: _Room, below: tuple[Garment, ...], sheet: Sheet, vertices: Floats
+) -> tuple[Floats, tuple[Garment, ...]]:
+    """A sheet, and what is below it, where they do not cut each other or themselves."""
+    whole, points = _with(sheet, vertices, below)
+    return _apart(untangle(points, whole.triangles, obstacle=room.obstacle).positions, len(vertices), below)
+
+
 class _Clock:
     """Seconds of one part after the other."""
 
@@ -208,14 +221,17 @@ def _sewn(
     flat: Floats,
     gap: float,
     held: Ints,
+    buttons: Ints,
 ) -> tuple[Floats, tuple[Garment, ...], Floats]:
-    """The panels drawn together along their seams, without gravity: (n,3) metres, what is below them, and how far apart
-    each pair is left."""
+    """The panels drawn together along their seams, and at their buttons (b,2), without gravity: (n,3) metres, what is below
+    them, and how far apart each pair of a seam is left."""
     count = len(flat)
     whole, points = _with(sheet, flat, below)
     same = np.concatenate([weld, np.arange(count, len(points))])
     cloth = assemble(whole, gap=gap, same=same)
-    a, b = mesh.pairs.T
+    both = np.concatenate([mesh.pairs, buttons])
+    least = np.repeat([0, gap], [len(mesh.pairs), len(buttons)])  # what is buttoned lies one over the other
+    a, b = both.T
     first = np.linalg.norm(flat[a] - flat[b], axis=1)
     state, frames, farthest = cloth.state(points), round(SEWING / FRAME), first.max(initial=0)
     apart = first
@@ -223,7 +239,9 @@ def _sewn(
         # what is far apart first, so that a skirt does not pull its bodice from the shoulders before they are closed
         low, high = (np.minimum(first, farthest * (1 - _smooth(min(1.0, (k + j) / frames)))) for j in (0, 1))
         # nor at once: threads that pull against each other would tear the cloth
-        pairs = Pairs(mesh.pairs, np.maximum(low, apart), np.maximum(high, apart - PULL * FRAME))
+        pairs = Pairs(
+            both, np.maximum(np.maximum(low, apart), least), np.maximum(np.maximum(high, apart - PULL * FRAME), least)
+        )
         # what pulls against a seam opens it by a step's square
         substeps = SUBSTEPS if k < frames else 3 * SUBSTEPS if k < 1.5 * frames else 8 * SUBSTEPS
         if k == round(1.5 * frames):
@@ -237,9 +255,9 @@ def _sewn(
             room.progress("sewing", min(1.0, (k + 1) / frames))
         if room.watch:
             room.watch(state.x[:count], mesh.triangles)
-        if k >= frames and apart.max(initial=0) < CLOSED:
+        if k >= frames and (apart - least).max(initial=0) < CLOSED:
             break
-    return *_apart(state.x, count, below), apart
+    return *_apart(state.x, count, below), apart[: len(mesh.pairs)]
 
 
 def _smooth(t: float) -> float:
@@ -270,21 +288,32 @@ def _merged(positions: Floats, weld: Ints) -> Floats:
 
 
 def _draped(
-    room: _Room, below: tuple[Garment, ...], sheet: Sheet, positions: Floats, gap: float, substeps: int
+    room: _Room,
+    below: tuple[Garment, ...],
+    sheet: Sheet,
+    positions: Floats,
+    gap: float,
+    substeps: int,
+    buttons: Ints,
 ) -> tuple[Floats, tuple[Garment, ...], float]:
-    """The garment under gravity until it rests: (n,3) metres, what is below it, and how fast they still are, m/s in the
-    mean of some frames."""
+    """The garment under gravity until it rests, closed at its buttons (b,2): (n,3) metres, what is below it, and how fast
+    they still are, m/s in the mean of some frames."""
     count, frames, speeds = len(positions), round(LONGEST / FRAME), deque([np.inf] * CALM, CALM)
     whole, points = _with(sheet, positions, below)
     cloth = assemble(whole, gap=gap)
     state = cloth.state(points)
+    apart = np.linalg.norm(points[buttons[:, 0]] - points[buttons[:, 1]], axis=1)
     for k in range(frames):
         gravity = (0.0, -9.81 * min(1.0, (k + 1) * FRAME / 0.25), 0.0)
         before = state.x
         damping = DAMPING * 2 ** max(
             0.0, (k + 1) * FRAME - PATIENCE
         )  # what trembles on is calmed; where it rests is the same
-        state = step(cloth, state, gravity=gravity, damping=damping, obstacle=room.obstacle, substeps=substeps)
+        state = step(
+            cloth, state, gravity=gravity, damping=damping, obstacle=room.obstacle, substeps=substeps,
+            pairs=Pairs(buttons, np.maximum(apart, gap), np.maximum(apart - SLOWLY * FRAME, gap)),
+        )  # fmt: skip
+        apart = np.linalg.norm(state.x[buttons[:, 0]] - state.x[buttons[:, 1]], axis=1)
         # how far it comes in a frame: what trembles within its steps does not move
         speeds.append(float(np.sqrt(np.mean(np.sum((state.x - before).astype(np.float64) ** 2, axis=1)))) / FRAME)
         if room.progress:

@@ -60,8 +60,10 @@ def tessellate(pattern: Pattern, size: float = 0.010) -> PanelMesh:
     cuts = _cuts(seams, lengths, size)
     parts, first = [], 0
     edges: dict[Key, Ints] = {}
+    sides = [side for b in pattern.buttons for side in (b.a, b.b)]
     for k, panel in enumerate(pattern.panels):
-        points, triangles, own = _panel(panel, [cuts[k, e] for e in range(len(panel.edges))], size)
+        places = np.array([at for name, at in sides if name == panel.name]).reshape(-1, 2)
+        points, triangles, own = _panel(panel, [cuts[k, e] for e in range(len(panel.edges))], size, places)
         parts.append((points, triangles + first))
         edges |= {(k, e): (v + first).astype(np.int32) for e, v in enumerate(own)}
         first += len(points)
@@ -217,8 +219,9 @@ def _cuts(seams: Sequence[_Sides], lengths: Mapping[Key, float], size: float) ->
     return out
 
 
-def _panel(panel: Panel, cuts: Sequence[Floats], size: float) -> tuple[Floats, Ints, list[Ints]]:
-    """Vertices (k,2), triangles and the vertices along each edge of one panel."""
+def _panel(panel: Panel, cuts: Sequence[Floats], size: float, places: Floats) -> tuple[Floats, Ints, list[Ints]]:
+    """Vertices (k,2), triangles and the vertices along each edge of one panel. At its places (p,2) there are vertices, if
+    they are inside and not nearer to each other or the outline than a mesh of this size has them."""
     corner: dict[int, int] = {}
     points: list[Floats] = []
     own: list[Ints] = []
@@ -249,7 +252,12 @@ def _panel(panel: Panel, cuts: Sequence[Floats], size: float) -> tuple[Floats, I
     outline = np.concatenate(segments) if segments else np.zeros((0, 2), int)
     if len(outline) < 3:
         raise VitruvianError(f"panel {panel.name}: expected an outline, found {len(outline)} edges")
+    fixed = _apart(border, outline, places, size)
     inside = _lattice(panel, border, outline, size)
+    border = np.concatenate([border, fixed])
+    if len(fixed):
+        near = np.linalg.norm(inside[:, None] - fixed, axis=2).min(axis=1) < CLOSE * size
+        inside = inside[~near]
     triangles: Ints = np.zeros((0, 3), np.int32)
     for turn in range(ROUNDS + 1):
         every = np.concatenate([border, inside])
@@ -259,6 +267,17 @@ def _panel(panel: Panel, cuts: Sequence[Floats], size: float) -> tuple[Floats, I
     if area(panel) < 0:
         triangles = triangles[:, [0, 2, 1]]
     return every, triangles, own
+
+
+def _apart(border: Floats, outline: Ints, places: Floats, size: float) -> Floats:
+    """(k,2) those of some places (p,2) that are inside an outline and keep apart from it and from each other."""
+    a, b = border[outline[:, 0]], border[outline[:, 1]]
+    kept = np.zeros((0, 2))
+    taken = np.concatenate([a + k / 4 * (b - a) for k in range(4)])
+    for place, inside in zip(places, _inside(places, a, b)):
+        if inside and np.linalg.norm(taken - place, axis=1).min() > CLOSE * size:
+            kept, taken = (np.concatenate([some, place[None]]) for some in (kept, taken))
+    return kept
 
 
 def _lattice(panel: Panel, border: Floats, outline: Ints, size: float) -> Floats:
