@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vitruvian.body.types import Floats, Ints
 from vitruvian.cloth.layers import FLOATING, NAMES
 from vitruvian.cloth.moving import Skin
+from vitruvian.cloth.pinching import NOTHING
 from vitruvian.cloth.sheet import strains
 from vitruvian.cloth.solver import FRAME, substeps_for
 from vitruvian.cloth.wear import Prepared, Wearer, entered
@@ -83,7 +84,7 @@ def proven(
     every = np.full(len(worn.layer), FLOATING, np.int32)
     home = person.skin.side[worn.corner[:, 0]] > 0
     whole = replace(
-        worn, layer=every, limbs=None, rough=None,
+        worn, layer=every, limbs=None, rough=None, close=NOTHING, beneath=np.full_like(worn.beneath, -1),
         floating=simulated(worn.sheet, every, gap, home),
     )  # fmt: skip
     now = [entered(replace(prepared, worn=w), person, matrices[0]) for w in (worn, whole)]
