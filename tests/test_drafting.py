@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from vitruvian.cloth.drafting import DRAFTS, drafted
 from vitruvian.cloth.drafting.figure import figure
+from vitruvian.cloth.garment import buttoned
 from vitruvian.cloth.pattern import Panel, Pattern, area, ends, length, loops, outline
 from vitruvian.cloth.tessellate import angles, tessellate, topology, welded
 from vitruvian.errors import VitruvianError
@@ -142,6 +143,10 @@ def test_options_change_what_they_say():
     assert arcs == pytest.approx(sorted([waist, 0.5, 0.5, waist + 0.4 * np.pi * 0.5]))
     buttons = drafted("shirt", WOMAN, closed="buttons")
     assert len(buttons.buttons) >= 5 and len(buttons.seams) == len(drafted("shirt", WOMAN).seams) - 1
+    mesh = tessellate(buttons, 0.02)
+    for button, pair in zip(buttons.buttons, buttoned(buttons, mesh)):
+        off = [np.linalg.norm(mesh.material[v] - at) for v, (_, at) in zip(pair, (button.a, button.b))]
+        assert max(off) < 1e-12, "a vertex where each button is sewn on"
     overlap = buttons.panel("left_front").vertices[:, 0].min(), buttons.panel("right_front").vertices[:, 0].max()
     assert overlap == pytest.approx((-0.015, 0.015))
     sleeved = drafted("dress", WOMAN, sleeve=0.5)

@@ -14,9 +14,10 @@ import vitruvian as vt
 from conftest import SHARED
 from test_patterns import SQUARE, rectangle
 from vitruvian.cli import app
+from vitruvian.cli.dressing import faults
 from vitruvian.cloth.drafting import drafted
 from vitruvian.cloth.fabric import fabric
-from vitruvian.cloth.garment import charted, sewn
+from vitruvian.cloth.garment import buttoned, charted, sewn
 from vitruvian.cloth.intersections import intersections
 from vitruvian.cloth.obstacle import still
 from vitruvian.cloth.pattern import Edge, Panel, Pattern, Seam, Span
@@ -25,6 +26,7 @@ from vitruvian.cloth.tailor import tailor
 from vitruvian.cloth.tessellate import tessellate, welded
 from vitruvian.errors import VitruvianError
 from vitruvian.formats.pattern_svg import drawing
+from vitruvian.modeling.measures import measures
 from vitruvian.modeling.wearing import worn
 
 FOLDER = SHARED / "data/patterns/garmentcode"
@@ -55,6 +57,22 @@ def skirt(waist: float = 0.86, hem: float = 1.3, top: float = 1.02, long: float 
 @pytest.fixture(scope="module")
 def made(body):
     return tailor(skirt(), body, size=0.025)
+
+
+def test_buttons_are_closed(person, body):
+    """A shirt whose fronts overlap, not sewn: what is buttoned lies one over the other, and nothing goes through it."""
+    pattern = drafted("shirt", measures(person).values, closed="buttons")
+    made = tailor(pattern, body, size=0.02)
+    pairs = made.weld[buttoned(pattern, made.mesh)]
+    apart = 1000 * np.linalg.norm(made.vertices[pairs[:, 0]] - made.vertices[pairs[:, 1]], axis=1)
+    assert len(pairs) == 6 and made.report["button_gap_max_mm"] == pytest.approx(apart.max()) and apart.max() < 10
+    assert made.report["self_intersections"] == 0 and made.report["strain_p99"] < 0.05
+    middle = made.mesh.panel == [p.name for p in pattern.panels].index("left_front")
+    assert np.ptp(made.vertices[made.weld[middle], 0]) > 0.1  # it is not drawn together to a string
+    open_ = tailor(replace(pattern, buttons=()), body, size=0.02)
+    far = np.linalg.norm(open_.vertices[pairs[:, 0]] - open_.vertices[pairs[:, 1]], axis=1)
+    assert 1000 * far.max() > 3 * apart.max()
+    assert "buttons" in faults({**made.report, "button_gap_max_mm": 50.0})[0]
 
 
 def test_the_dummy_lifts_its_arms(body):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vitruvian.cloth.garment import Garment
     from vitruvian.cloth.pattern import Pattern
 
+BUTTONED = 20.0  # millimetres between what is buttoned above which it is called open
 APART = 3.0  # millimetres between what was to be sewn above which a seam is called open; less is welded
 WORST = 0.05  # strain of the 99th percentile above which a garment is called tight
 
@@ -254,6 +255,8 @@ def faults(report: dict[str, Any]) -> list[str]:
     if report["seam_gap_max_mm"] > APART:
         some = ", ".join(map(str, report["open_seams"][:8]))
         out.append(f"does not close: seams {some} stay up to {report['seam_gap_max_mm']:.0f} mm apart; too small?")
+    if report.get("button_gap_max_mm", 0) > BUTTONED:
+        out.append(f"does not close: its buttons stay up to {report['button_gap_max_mm']:.0f} mm apart; too small?")
     if report["strain_p99"] > WORST:
         out.append(f"tight: the most stretched hundredth of its edges is {report['strain_p99']:.0%} longer or more")
     if report["penetrating_vertices"]:

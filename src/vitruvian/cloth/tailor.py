@@ -113,7 +113,8 @@ def tailor(
         "faces": len(sheet.triangles),
         "seam_gap_max_mm": 1000 * float(apart.max(initial=0)),
         "open_seams": open_seams,
-        "button_gap_max_mm": 1000 * float(np.linalg.norm(np.diff(vertices[weld[buttons]], axis=1), axis=2).max(initial=0)),
+        "button_gap_max_mm": 1000
+        * float(np.linalg.norm(np.diff(vertices[weld[buttons]], axis=1), axis=2).max(initial=0)),
         "settled": speed < STILL,
         "speed": speed,
         **fitting(sheet, vertices, room.obstacle, below),
