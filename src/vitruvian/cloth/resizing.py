@@ -17,11 +17,11 @@ from vitruvian.body.rotations import from_matrix
 from vitruvian.body.types import Body, Floats, Ints, floats, require
 from vitruvian.cloth.binding import Binding, bind
 from vitruvian.cloth.fit_map import gradients, stretch_of
-from vitruvian.cloth.garment import Garment
+from vitruvian.cloth.garment import Garment, buttoned
 from vitruvian.cloth.obstacle import Obstacle, still
 from vitruvian.cloth.placing import Dummy, posed
 from vitruvian.cloth.sheet import Sheet
-from vitruvian.cloth.solver import FRAME, assemble, step
+from vitruvian.cloth.solver import FRAME, Pairs, assemble, step
 from vitruvian.cloth.tailor import CALM, LOOSE, STILL, fitting
 from vitruvian.cloth.untangling import untangle
 
@@ -124,6 +124,13 @@ def graded(made: Garment, before: Garment) -> Garment:
     return replace(made, graded=sheet.material @ np.swapaxes(way, 1, 2))
 
 
+def held(garment: Garment, gap: float) -> Pairs:
+    """What is buttoned, `gap` metres apart at most."""
+    buttons = garment.weld[buttoned(garment.pattern, garment.mesh)]
+    far = np.full(len(buttons), gap)
+    return Pairs(buttons, far, far)
+
+
 FINE, FRAMES = 200, 10  # substeps and frames in which cloth takes the strain that its fabric would
 
 
@@ -135,7 +142,7 @@ def firmed(garment: Garment, obstacle: Obstacle) -> Garment:
     cloth = assemble(garment.sheet, gap=max(1e-3, *(f.thickness for f in garment.fabrics)))
     state = cloth.state(garment.vertices)
     for _ in range(FRAMES):
-        state = step(cloth, state, damping=2.0, obstacle=obstacle, substeps=FINE)
+        state = step(cloth, state, damping=2.0, obstacle=obstacle, substeps=FINE, pairs=held(garment, cloth.gap))
     return replace(garment, vertices=state.x.astype(np.float64))
 
 
@@ -148,7 +155,7 @@ def settled(garment: Garment, obstacle: Obstacle, seconds: float) -> Garment:
         cloth = assemble(sheet, gap=max(1e-3, *(f.thickness for f in garment.fabrics)))
         state, speeds = cloth.state(x), deque([np.inf] * CALM, CALM)
         for _ in range(max(1, round(seconds / FRAME))):
-            state = step(cloth, state, damping=2.0, obstacle=obstacle)
+            state = step(cloth, state, damping=2.0, obstacle=obstacle, pairs=held(garment, cloth.gap))
             speeds.append(state.speed)
             if np.mean(speeds) < STILL:
                 break
